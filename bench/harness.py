@@ -236,7 +236,7 @@ def discover(only: Iterable[str] = ()) -> tuple[dict[str, ModuleType], dict[str,
     for info in pkgutil.iter_modules([str(Path(__file__).parent)]):
         try:
             module = importlib.import_module(f"bench.{info.name}")
-        except Exception as error:
+        except Exception as error:  # noqa: BLE001 one broken module must not stop the others
             failed[info.name] = _last_line(error)
             continue
         if not hasattr(module, "rows"):
@@ -269,7 +269,7 @@ def run_module(name: str, module: ModuleType, quick: bool) -> ModuleResult:
     try:
         _collect(module.rows(quick), rows)
         _collect(module.curves(quick) if hasattr(module, "curves") else (), curves)
-    except Exception as exception:
+    except Exception as exception:  # noqa: BLE001 reported as failed
         error = _last_line(exception)
         traceback.print_exc()
     return ModuleResult(name, rows, curves, time.perf_counter() - start, error)
@@ -277,7 +277,7 @@ def run_module(name: str, module: ModuleType, quick: bool) -> ModuleResult:
 
 def _collect(source: Iterable[Any], into: list[Any]) -> None:
     for item in source:
-        into.append(item)
+        into.append(item)  # noqa: PERF402 what came before an exception must stay
 
 
 def _last_line(error: BaseException) -> str:
