@@ -37,7 +37,9 @@ class Mesh:
     st : dict of str to (V, 2) float64
         Texture coordinates by primvar name.
     display_color : (V, 3) float32 or None
-        ``primvars:displayColor``.
+        ``primvars:displayColor``, linear.
+    display_opacity : (V,) float32 or None
+        ``primvars:displayOpacity``, [0, 1].
     """
 
     path: str
@@ -46,6 +48,7 @@ class Mesh:
     triangles: np.ndarray
     st: dict[str, np.ndarray] = field(default_factory=dict)
     display_color: np.ndarray | None = None
+    display_opacity: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -116,11 +119,14 @@ class Material:
     `inputs` holds the names that differ from the defaults of the UsdPreviewSurface specification:
     ``diffuseColor emissiveColor useSpecularWorkflow specularColor metallic roughness clearcoat clearcoatRoughness
     opacity opacityThreshold ior normal occlusion``.
+    `uses_display_color`: the mesh's display colour, where it has one, replaces ``diffuseColor``; `uses_display_opacity`:
+    its display opacity replaces ``opacity``.
     """
 
     path: str
     inputs: dict[str, float | tuple[float, float, float] | TextureInput] = field(default_factory=dict)
     uses_display_color: bool = False
+    uses_display_opacity: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,7 +163,7 @@ class Camera:
     camera_to_clip : (4, 4) float64
         OpenGL clip space (z in [-w, w]), for `aspect`, apertures and offsets included.
     near, far : float
-        Clipping distances, world units.
+        Clipping distances along -z, camera space (world units, unless the camera is scaled).
     aspect : float
         Width over height of the image.
     clipping_planes : tuple of 4-tuples
