@@ -91,19 +91,14 @@ class Row:
         if (self.target is None) != (self.comparison is None):
             raise ValueError(f"{self.measure}: target and comparison go together")
         if self.comparison is not None and self.comparison not in _COMPARISONS:
-            raise ValueError(
-                f"{self.measure}: comparison {self.comparison!r}, expected {' '.join(_COMPARISONS)}"
-            )
+            raise ValueError(f"{self.measure}: comparison {self.comparison!r}, expected {' '.join(_COMPARISONS)}")
 
     @property
     def met(self) -> bool | None:
         """Whether the value holds the target; None for a row without one."""
         if self.comparison is None:
             return None
-        return bool(
-            np.isfinite(self.value)
-            and _COMPARISONS[self.comparison](self.value, self.target)
-        )
+        return bool(np.isfinite(self.value) and _COMPARISONS[self.comparison](self.value, self.target))
 
 
 @dataclass(frozen=True)
@@ -247,16 +242,9 @@ def discover(only: Iterable[str] = ()) -> tuple[dict[str, ModuleType], dict[str,
         modules = {
             name: module
             for name, module in modules.items()
-            if any(
-                word in name.lower() or word in module.__name__.lower()
-                for word in words
-            )
+            if any(word in name.lower() or word in module.__name__.lower() for word in words)
         }
-        failed = {
-            name: text
-            for name, text in failed.items()
-            if any(word in name.lower() for word in words)
-        }
+        failed = {name: text for name, text in failed.items() if any(word in name.lower() for word in words)}
     return modules, failed
 
 
@@ -301,9 +289,7 @@ def machine() -> dict[str, Any]:
         "python": platform.python_version(),
         "system": f"{platform.system()} {platform.machine()}",
         "processor": _processor(),
-        "cores": len(os.sched_getaffinity(0))
-        if hasattr(os, "sched_getaffinity")
-        else os.cpu_count(),
+        "cores": len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count(),
         "opengl": _opengl(),
         "packages": {name: _version(name) for name in packages},
     }
@@ -311,9 +297,7 @@ def machine() -> dict[str, Any]:
 
 def _commit() -> str:
     def git(*words: str) -> str:
-        done = subprocess.run(
-            ["git", *words], cwd=REPOSITORY, capture_output=True, text=True, check=False
-        )
+        done = subprocess.run(["git", *words], cwd=REPOSITORY, capture_output=True, text=True, check=False)
         return done.stdout.strip() if done.returncode == 0 else ""
 
     commit = git("rev-parse", "--short", "HEAD")
@@ -333,9 +317,7 @@ def _processor() -> str:
 def _opengl() -> str:
     """Name of the OpenGL renderer; asked in a process of its own, so that no context stays behind here."""
     code = "import moderngl; print(moderngl.create_standalone_context(backend='egl').info['GL_RENDERER'])"
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=False
-    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     return done.stdout.strip() if done.returncode == 0 else "none"
 
 

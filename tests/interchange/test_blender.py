@@ -1,0 +1,98 @@
+"""A stage with zipmaps imports into Blender and shows its fallback image there."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+STAGES = sorted((REPOSITORY / "stages").glob("*/*.usd[acz]"))
+IDS = [path.parent.name + "/" + path.name for path in STAGES]
+
+
+def import_into_blender(python: Path, stage: Path, folder: Path) -> tuple[dict, np.ndarray]:
+    """Report of `blender_probe` and the rendered albedo, (32, 32, 3) float32, linear."""
+    albedo = folder / "albedo.exr"
+    script = Path(__file__).with_name("blender_probe.py")
+    done = subprocess.run(
+        [str(python), str(script), str(stage), str(albedo)],
+        capture_output=True,
+        text=True,
+        timeout=180,
+        check=False,
+    )
+    lines = [line for line in done.stdout.splitlines() if line.startswith("REPORT ")]
+    assert done.returncode == 0, done.stderr
+    assert lines, done.stdout + done.stderr
+    return json.loads(lines[-1].removeprefix("REPORT ")), read_diffuse_colour(albedo)
+
+
+def read_diffuse_colour(path: Path) -> np.ndarray:
+    image_io = pytest.importorskip("OpenImageIO")
+    image = image_io.ImageInput.open(str(path))
+    try:
+        subimage = 0
+        while image.seek_subimage(subimage, 0):
+            names = list(image.spec().channelnames)
+            wanted = [
+                i for end in "RGB" for i, name in enumerate(names) if name.split(".")[-2:] == ["Diffuse Color", end]
+            ]
+            if len(wanted) == 3:
+                return image.read_image(subimage, 0, 0, len(names), "float")[..., wanted]
+            subimage += 1
+    finally:
+        image.close()
+    raise AssertionError(f"{path}: no diffuse colour pass")
+
+
+def base_color_images(report: dict) -> dict[str, str]:
+    """Image file that feeds Base Color, per material name."""
+    return {
+        name: link["image"]
+        for name, material in report["materials"].items()
+        for link in material["links"]
+        if link["input"] == "Base Color" and link["from"] == "ShaderNodeTexImage"
+    }
+
+
+def srgb_to_linear(encoded: np.ndarray) -> np.ndarray:
+    return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
+
+
+def test_hand_written_stage_shows_its_fallback_in_blender(blender_python, hand_written_stage, tmp_path):
+    report, albedo = import_into_blender(blender_python, hand_written_stage, tmp_path)
+    fallback = str(hand_written_stage.parent / "textures" / "fallback.png")
+    assert base_color_images(report) == {"Photo": fallback}
+    assert report["meshes"] == {"Wall": ["Photo"]}
+    # Green rim and blue centre, where the root's file is red: a wrong file or an unbound material cannot pass.
+    # Blender's albedo of a Principled BSDF is the base colour to about 2 %.
+    np.testing.assert_allclose(
+        albedo[2:6, 2:6].mean((0, 1)),
+        srgb_to_linear(np.array([40, 160, 60]) / 255),
+        atol=0.02,
+    )
+    np.testing.assert_allclose(
+        albedo[15:17, 15:17].mean((0, 1)),
+        srgb_to_linear(np.array([40, 40, 200]) / 255),
+        atol=0.02,
+    )
+
+
+@pytest.mark.parametrize("stage", STAGES, ids=IDS)
+def test_example_stage_shows_its_fallback_in_blender(blender_python, stage, tmp_path):
+    report, albedo = import_into_blender(blender_python, stage, tmp_path)
+    images = base_color_images(report)
+    bound = {name for names in report["meshes"].values() for name in names}
+    assert images.keys() & bound, "no mesh has a material whose Base Color is an image"
+    for path in images.values():
+        assert Path(path).is_file()
+        assert min(report["images"][path]) > 0, f"{path} was not loaded"
+    assert np.isfinite(albedo).all()
+    magenta = (albedo[..., 0] > 0.95) & (albedo[..., 1] < 0.05) & (albedo[..., 2] > 0.95)
+    assert not magenta.any(), "Blender draws a missing image in magenta"
+    seen = albedo[albedo.sum(-1) > 0]
+    assert len(seen) > 100 and seen.std(0).max() > 0.01, "the picture is empty or flat"

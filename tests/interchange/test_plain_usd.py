@@ -1,0 +1,78 @@
+"""A stage with zipmaps opens in stock usd-core: without our plugin every texture is a NodeGraph with a colour."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+STAGES = sorted((REPOSITORY / "stages").glob("*/*.usd[acz]"))
+IDS = [path.parent.name + "/" + path.name for path in STAGES]
+
+
+def probe_without_plugin(stage: Path) -> dict:
+    """Report of `plain_usd_probe` from a process that has neither fexel nor its schema."""
+    environment = {k: v for k, v in os.environ.items() if not k.startswith(("PXR_PLUGINPATH", "PYTHONPATH"))}
+    script = Path(__file__).with_name("plain_usd_probe.py")
+    done = subprocess.run(
+        [sys.executable, str(script), str(stage)],
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout.splitlines()[-1])
+
+
+def check_interchange(report: dict) -> None:
+    assert report["modules"] == [], "the probe must run without fexel"
+    assert report["textures"], "no ZipmapTexture on the stage"
+    for path, texture in report["textures"].items():
+        assert texture == {"schema": "NodeGraph", "is_node_graph": True}, path
+    sources = [(path, name, source) for path, m in report["materials"].items() for name, source in m["inputs"].items()]
+    assert sources, "no material has a textured input"
+    for path, name, source in sources:
+        where = f"{path}.{name}"
+        assert source["id"] == "UsdUVTexture", where
+        assert source["st_reader"] == "UsdPrimvarReader_float2", where
+        assert not os.path.isabs(source["authored"]), where
+        assert Path(source["resolved"]).is_file(), where
+    assert report["validation"] == []
+
+
+def test_hand_written_stage_opens_as_node_graph_with_a_resolvable_colour(
+    hand_written_stage,
+):
+    report = probe_without_plugin(hand_written_stage)
+    check_interchange(report)
+    source = report["materials"]["/World/Looks/Photo"]["inputs"]["diffuseColor"]
+    assert Path(source["resolved"]) == hand_written_stage.parent / "textures" / "fallback.png"
+
+
+@pytest.mark.parametrize("stage", STAGES, ids=IDS)
+def test_example_stage_opens_as_node_graph_with_a_resolvable_colour(stage):
+    check_interchange(probe_without_plugin(stage))
+
+
+def test_stage_moves_to_another_folder_with_its_textures(hand_written_stage, tmp_path):
+    moved = tmp_path / "elsewhere" / "moved"
+    moved.parent.mkdir()
+    hand_written_stage.parent.rename(moved)
+    check_interchange(probe_without_plugin(moved / hand_written_stage.name))
+
+
+def test_without_fallback_types_the_colour_does_not_resolve(hand_written_stage):
+    """The counterpart: it is ``fallbackPrimTypes`` that makes the texture a NodeGraph, not luck."""
+    text = hand_written_stage.read_text(encoding="utf-8")
+    assert 'token[] ZipmapTexture = ["NodeGraph"]' in text
+    hand_written_stage.write_text(text.replace('token[] ZipmapTexture = ["NodeGraph"]', ""), encoding="utf-8")
+    report = probe_without_plugin(hand_written_stage)
+    assert report["textures"]["/World/Looks/Photo/Zipmap"] == {"schema": "", "is_node_graph": False}
+    assert report["materials"]["/World/Looks/Photo"]["inputs"]["diffuseColor"]["id"] != "UsdUVTexture"
