@@ -1,0 +1,87 @@
+"""Mip pyramids in linear, premultiplied float: area-exact for any size, rims cleared for patches.
+
+Level l has ``max(1, size >> l)`` texels per axis. Each texel of a level is the mean of the level above over exactly the area it
+covers: for odd sizes that is a box of 2 + 1/n texels with fractional weights, so no level is shifted or cropped. Every
+level of a patch is computed from the *clean* level above and its rim is cleared afterwards (Eisemann and Magnor 2010,
+section 3: zero alpha on the border of every mip level); clearing first would fade the patch twice as far in at every
+level. Filtering premultiplied colour is what leaves no dark seam.
+
+Images are (rows, columns, channels), row 0 at the top.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["clear_rim", "halve", "level_count", "level_size", "pyramid"]
+
+
+def level_size(size: int, level: int) -> int:
+    """Texels along an axis of `size` at `level`."""
+    return max(1, size >> level)
+
+
+def level_count(width: int, height: int) -> int:
+    """Levels down to 1x1."""
+    return max(width, height).bit_length()
+
+
+def halve(image: NDArray[np.floating]) -> NDArray[np.float32]:
+    """The next coarser level.
+
+    Parameters
+    ----------
+    image : (H, W, C) float
+        Linear, premultiplied.
+
+    Returns
+    -------
+    (max(1, H // 2), max(1, W // 2), C) float32
+
+    Examples
+    --------
+    >>> halve(np.array([[[0.0], [1.0], [2.0]]]))
+    array([[[1.]]], dtype=float32)
+    """
+    return _halve_axis(_halve_axis(np.asarray(image, np.float32), 0), 1)
+
+
+def _halve_axis(image: NDArray[np.float32], axis: int) -> NDArray[np.float32]:
+    size = image.shape[axis]
+    if size == 1:
+        return image
+    image = np.moveaxis(image, axis, 0)
+    half = size // 2
+    if size % 2 == 0:
+        coarse = (image[0::2] + image[1::2]) * np.float32(0.5)
+    else:
+        # Texel i covers [i, i + 1] * size / half: the end of one texel, a whole one, and the start of the next.
+        i = np.arange(half, dtype=np.float32).reshape(-1, *[1] * (image.ndim - 1))
+        first, last = (half - i) / size, (i + 1) / size
+        coarse = first * image[0:-1:2] + image[1::2] * np.float32(half / size) + last * image[2::2]
+    return np.moveaxis(coarse, 0, axis)
+
+
+def clear_rim(image: NDArray) -> NDArray:
+    """A copy with all channels of the outermost texels zero; an image under 3 texels wide or high vanishes."""
+    cleared = np.zeros_like(image)
+    cleared[1:-1, 1:-1] = image[1:-1, 1:-1]
+    return cleared
+
+
+def pyramid(image: NDArray[np.floating], levels: int | None = None) -> list[NDArray[np.float32]]:
+    """All levels, the image itself first, rims as they are (see `clear_rim`).
+
+    Parameters
+    ----------
+    image : (H, W, C) float
+        Linear, premultiplied.
+    levels : int, optional
+        Stop after so many; default down to 1x1.
+    """
+    image = np.asarray(image, np.float32)
+    result = [image]
+    for _ in range((levels or level_count(image.shape[1], image.shape[0])) - 1):
+        result.append(halve(result[-1]))
+    return result
