@@ -96,7 +96,7 @@ def clone(child: np.ndarray, border: np.ndarray) -> np.ndarray:
 
 
 def harmonic(ring: np.ndarray, height: int, width: int, dtype: type = np.float32) -> np.ndarray:
-    """Compute the discrete harmonic function (H, W) with the finite values `ring` (N,) at `ring_points(height, width)`."""
+    """Compute the discrete harmonic function (H, W) with the finite values `ring` (N,) at `ring_points`."""
     out = np.empty((height, width, 1), dtype)
     _clone_channel(np.zeros_like(out), np.asarray(ring, np.float64), 0, out, _scratch(height, width, out.dtype))
     return out[:, :, 0]
