@@ -58,7 +58,7 @@ def _part(path: Path) -> Path:
 
 def add_scopes(stage: Usd.Stage) -> None:
     """The scopes that hold materials, cameras and lights, in that order."""
-    for scope in ("Looks", "Cameras", "Lights"):
+    for scope in ("Materials", "Cameras", "Lights"):
         UsdGeom.Scope.Define(stage, f"/World/{scope}")
 
 
@@ -104,7 +104,7 @@ def add_zipmap_material(
     surface.CreateInput("roughness", Sdf.ValueTypeNames.Float).Set(roughness)
     surface.CreateInput("ior", Sdf.ValueTypeNames.Float).Set(ior)
     material.CreateSurfaceOutput().ConnectToSource(surface.ConnectableAPI(), "surface")
-    zipmap = fexel.ZipmapTexture.Define(stage, f"{path}/Zipmap")
+    zipmap = fexel.ZipmapTexture.Define(stage, f"{path}/Texture")
     color = surface.CreateInput("diffuseColor", Sdf.ValueTypeNames.Color3f)
     color.ConnectToSource(zipmap.ConnectableAPI(), "rgb")
     return material, zipmap

@@ -19,7 +19,7 @@ INSTALL_LIMIT_S = 300
 
 @pytest.fixture
 def hand_written_stage(tmp_path):
-    """The wall of ``hand_written/`` with its three textures: root red, detail blue, fallback green with a blue centre."""
+    """The wall of ``hand_written/`` with its textures: root red, detail blue, fallback green with a blue centre."""
     image_io = pytest.importorskip("OpenImageIO")
     folder = tmp_path / "hand_written"
     shutil.copytree(Path(__file__).parent / "hand_written", folder)

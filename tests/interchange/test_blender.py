@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 REPOSITORY = Path(__file__).resolve().parents[2]
-STAGES = sorted((REPOSITORY / "stages").glob("*/*.usd[acz]"))
-IDS = [path.parent.name + "/" + path.name for path in STAGES]
+STAGES = sorted(p for p in (REPOSITORY / "stages").glob("*/*.usd*") if p.stem == p.parent.name)
+IDS = [path.stem for path in STAGES]
 
 
 def import_into_blender(python: Path, stage: Path, folder: Path) -> tuple[dict, np.ndarray]:

@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 REPOSITORY = Path(__file__).resolve().parents[2]
-STAGES = sorted((REPOSITORY / "stages").glob("*/*.usd[acz]"))
-IDS = [path.parent.name + "/" + path.name for path in STAGES]
+STAGES = sorted(p for p in (REPOSITORY / "stages").glob("*/*.usd*") if p.stem == p.parent.name)
+IDS = [path.stem for path in STAGES]
 
 
 def probe_without_plugin(stage: Path) -> dict:
