@@ -1,18 +1,31 @@
-"""The `fexel` command line: one module per command; heavy imports happen inside the command that needs them."""
+"""The `fexel` command line: one module per command; heavy imports happen inside the command that needs them.
+
+Each module of `_COMMANDS` has ``register(app)`` and imports only typer and the standard library at module level, so
+that ``fexel --help`` answers at once.
+"""
 
 from __future__ import annotations
 
 import importlib
 import sys
+import warnings
+from typing import Any, NoReturn
 
 import typer
 
 __all__ = ["app", "main"]
 
-app = typer.Typer(name="fexel", no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False)
-
-# Each module has `register(app)`; it may import only typer and the standard library at module level.
 _COMMANDS = ("render", "zipmap", "info", "validate", "unwrap", "plugin_path")
+_INTERRUPTED = 130  # 128 + SIGINT, as a shell reports it
+
+app = typer.Typer(
+    name="fexel",
+    help="Zipmap, pinchmap, umbrella and fipmap textures as ordinary USD prims.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
 
 for _name in _COMMANDS:
     try:
@@ -25,11 +38,39 @@ for _name in _COMMANDS:
 
 
 def main() -> None:
-    """Run the command line; an expected failure is one line on stderr and exit status 1."""
+    """Run the command line.
+
+    An expected failure is one line on stderr and exit status 1; so is a file that cannot be read or written. An
+    interruption is one line and status 130. A reader that goes away (``fexel info ... | head``) is not reported.
+    """
     from fexel.errors import FexelError
 
+    _show_warnings_in_one_line()
     try:
         app()
     except FexelError as error:
-        sys.stderr.write(f"fexel: {error}\n")
-        raise SystemExit(1) from None
+        _end(str(error), 1)
+    except OSError as error:
+        _end(f"{error.filename}: {error.strerror}" if error.filename else str(error), 1)
+    except SystemExit as status:
+        if status.code == _INTERRUPTED:  # typer turns KeyboardInterrupt into this
+            _end("interrupted", _INTERRUPTED)
+        raise
+
+
+def _end(message: str, status: int) -> NoReturn:
+    sys.stderr.write(f"fexel: {message}\n")
+    raise SystemExit(status) from None
+
+
+def _show_warnings_in_one_line() -> None:
+    from fexel.errors import FexelWarning
+
+    formatwarning = warnings.formatwarning
+
+    def one_line(message: Any, category: type[Warning], *place: Any, **options: Any) -> str:
+        if issubclass(category, FexelWarning):
+            return f"fexel: warning: {message}\n"
+        return formatwarning(message, category, *place, **options)
+
+    warnings.formatwarning = one_line

@@ -1,0 +1,79 @@
+"""Whether the images that a stage names are there and can be read to the last row."""
+
+from __future__ import annotations
+
+import functools
+import os
+from collections.abc import Iterator
+
+from pxr import Sdf, Usd, UsdShade
+
+from fexel.errors import FexelError
+from fexel.images import ImageInfo, image_info, read_pixels
+from fexel.validators.fault import Fault, authored_values
+
+__all__ = ["check_files", "image_header", "resolved_files"]
+
+_FILE_ATTRIBUTES = ("inputs:file", "inputs:mask", "inputs:pinchmap", "file")
+_PINCHMAP_CHANNELS = 4
+
+
+def check_files(prim: Usd.Prim) -> Iterator[Fault]:
+    """Missing, unreadable and truncated images, and pinchmaps that do not have four channels."""
+    for name in _FILE_ATTRIBUTES:
+        attribute = prim.GetAttribute(name)
+        for when, asset in authored_values(attribute):
+            if not asset.path:
+                continue
+            try:
+                _check_asset(attribute, asset)
+            except FexelError as error:
+                yield Fault(attribute.GetPath(), f"{error}{when}")
+
+
+def _check_asset(attribute: Usd.Attribute, asset: Sdf.AssetPath) -> None:
+    files = resolved_files(attribute, asset)
+    if not files:
+        raise FexelError(f"{asset.path}: no such file")
+    for file in files:
+        if "[" in file:  # inside a package; that USD resolved it means that it is there
+            continue
+        _read_last_row(file, *_version(file))
+        if attribute.GetBaseName() == "pinchmap" and (channels := image_header(file).channels) != _PINCHMAP_CHANNELS:
+            raise FexelError(f"{asset.path}: {channels} channels, expected 4 (d_s, d_t, k, gamma)")
+
+
+def resolved_files(attribute: Usd.Attribute, asset: Sdf.AssetPath) -> list[str]:
+    """Files on disk that an asset value stands for: one, the tiles of a ``<UDIM>`` pattern, or none.
+
+    A file inside a usdz package resolves to ``package.usdz[file]``.
+    """
+    if UsdShade.UdimUtils.IsUdimIdentifier(asset.path):
+        layer = next((spec.layer for spec in attribute.GetPropertyStack() if spec.layer), None)
+        return [path for path, _ in UsdShade.UdimUtils.ResolveUdimTilePaths(asset.path, layer)] if layer else []
+    return [asset.resolvedPath] if asset.resolvedPath else []
+
+
+def image_header(path: str) -> ImageInfo:
+    """`fexel.images.image_info`, remembered as long as the file does not change."""
+    return _header(path, *_version(path))
+
+
+def _version(path: str) -> tuple[int, int]:
+    try:
+        status = os.stat(path)
+    except OSError as error:
+        raise FexelError(f"{path}: {error.strerror}") from None
+    return status.st_mtime_ns, status.st_size
+
+
+@functools.lru_cache(maxsize=65536)
+def _header(path: str, _mtime_ns: int, _size: int) -> ImageInfo:
+    return image_info(path)
+
+
+@functools.lru_cache(maxsize=65536)
+def _read_last_row(path: str, _mtime_ns: int, _size: int) -> None:
+    """Whoever can read the last row has the whole file, for formats store rows or tiles in order."""
+    info = image_header(path)
+    read_pixels(info, 0, (0, info.height - 1, info.width, info.height))
