@@ -12,6 +12,7 @@ Rows run down from the top, as in the file.
 from __future__ import annotations
 
 import os
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -267,15 +268,16 @@ def read_linear(path: str, color_space: str = "auto") -> NDArray[np.float32]:
     return to_linear(read_pixels(info), info, color_space)
 
 
-def write_pyramid(path: str, levels: list[NDArray], dtype: str = "uint8", color_space: str = "sRGB", tile: int = 64) -> None:
+def write_pyramid(path: str, levels: Iterable[NDArray], dtype: str = "uint8", color_space: str = "sRGB", tile: int = 64) -> None:
     """Write a tiled, mip-mapped TIFF or EXR that `read_pixels` loads in part; written beside, then renamed.
 
     Parameters
     ----------
     path : str
         ``.tif``, ``.tiff`` (any dtype, unassociated alpha) or ``.exr`` (float16, float32, linear, associated alpha).
-    levels : list of (H, W, 3 or 4) float32
-        Linear, premultiplied, from `mipmaps.pyramid`.
+    levels : iterable of (H, W, 3 or 4) float32
+        Linear, premultiplied, from `mipmaps.pyramid`; or of type `dtype` if that is an integer type: values as the file
+        shall hold them.
     dtype : str
         ``uint8``, ``uint16``, ``float16`` or ``float32``.
     color_space : str
@@ -316,7 +318,9 @@ def write_pyramid(path: str, levels: list[NDArray], dtype: str = "uint8", color_
 
 
 def _encode(image: NDArray, dtype: str, color_space: str, associated: bool) -> NDArray:
-    """Linear premultiplied float to file values."""
+    """Linear premultiplied float to file values; integers of the file's type are file values already."""
+    if image.dtype == dtype and image.dtype.kind == "u":
+        return image
     image = np.asarray(image, np.float32).copy()
     colour = image[..., :3]
     if image.shape[-1] == 4 and not associated:
