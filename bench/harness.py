@@ -128,6 +128,7 @@ class Timing:
 
     @property
     def median_s(self) -> float:
+        """Median, seconds."""
         return float(np.median(self.times_s))
 
     @property
@@ -148,6 +149,7 @@ class ModuleResult:
     error: str = ""
 
     def as_dict(self) -> dict[str, Any]:
+        """As plain data, each row with its verdict ``met``."""
         rows = [asdict(row) | {"met": row.met} for row in self.rows]
         return {
             "name": self.name,
@@ -231,7 +233,7 @@ def discover(only: Iterable[str] = ()) -> tuple[dict[str, ModuleType], dict[str,
     for info in pkgutil.iter_modules([str(Path(__file__).parent)]):
         try:
             module = importlib.import_module(f"bench.{info.name}")
-        except Exception as error:  # noqa: BLE001 one broken module must not stop the others
+        except Exception as error:  # one broken module must not stop the others
             failed[info.name] = _last_line(error)
             continue
         if not hasattr(module, "rows"):
@@ -257,7 +259,7 @@ def run_module(name: str, module: ModuleType, quick: bool) -> ModuleResult:
     try:
         _collect(module.rows(quick), rows)
         _collect(module.curves(quick) if hasattr(module, "curves") else (), curves)
-    except Exception as exception:  # noqa: BLE001 reported as failed
+    except Exception as exception:
         error = _last_line(exception)
         traceback.print_exc()
     return ModuleResult(name, rows, curves, time.perf_counter() - start, error)
@@ -265,7 +267,7 @@ def run_module(name: str, module: ModuleType, quick: bool) -> ModuleResult:
 
 def _collect(source: Iterable[Any], into: list[Any]) -> None:
     for item in source:
-        into.append(item)  # noqa: PERF402 what came before an exception must stay
+        into.append(item)  # one by one: what came before an exception must stay
 
 
 def _last_line(error: BaseException) -> str:
