@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -32,15 +33,29 @@ def shared_data():
 
 @pytest.fixture(scope="session")
 def _gl_session():
-    moderngl = pytest.importorskip("moderngl")
-    context = moderngl.create_standalone_context(backend="egl")
+    from fexel.errors import FexelError
+    from fexel.renderer.context import GLContext
+
+    context = GLContext()
+    try:
+        with context:
+            pass
+    except FexelError as error:
+        if os.environ.get("CI"):
+            raise
+        pytest.skip(str(error))
     yield context
     context.release()
 
 
 @pytest.fixture
 def gl(_gl_session):
-    """An EGL context; fails the test that left a GL error behind."""
-    assert _gl_session.error == "GL_NO_ERROR"
-    yield _gl_session
-    assert _gl_session.error == "GL_NO_ERROR"
+    """A current EGL context of the tests' own; fails the test that left a GL error behind.
+
+    Every fexel `Renderer` has a context of its own and gives back the one that was current before it; a test that uses
+    both touches this one's objects only outside the renderer's calls.
+    """
+    with _gl_session as context:
+        assert context.error == "GL_NO_ERROR"
+        yield context
+        assert context.error == "GL_NO_ERROR"
