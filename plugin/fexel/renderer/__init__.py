@@ -1,0 +1,8 @@
+"""The renderer: `Renderer` and `render` for stages; passes, programs and files below."""
+
+from __future__ import annotations
+
+from fexel.renderer.api import Renderer, open_stage, render
+from fexel.renderer.context import GLContext
+
+__all__ = ["GLContext", "Renderer", "open_stage", "render"]

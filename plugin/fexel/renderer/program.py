@@ -32,9 +32,7 @@ _FILE_NAME = re.compile(r"[a-z][a-z0-9_]*\.(glsl|vert|frag)\Z")
 _DIRECTIVE = re.compile(r"\s*#\s*(\w+)\s*(.*?)\s*\Z")
 _INCLUDE = re.compile(r'"([^"]*)"\s*(//.*)?\Z')
 # Mesa "0:12(5): error: ...", NVIDIA "0(12) : error C0000: ...", others "ERROR: 0:12: ...".
-_COMPILER_MESSAGE = re.compile(
-    r"(?:ERROR:\s*)?\d+(?::(\d+)(?:\(\d+\))?|\((\d+)\))\s*:\s*(.+)"
-)
+_COMPILER_MESSAGE = re.compile(r"(?:ERROR:\s*)?\d+(?::(\d+)(?:\(\d+\))?|\((\d+)\))\s*:\s*(.+)")
 # Mesa's parser forgets the source number ("0:12" whatever #line said), so the line number carries it as well.
 _LINES_PER_SOURCE = 100_000
 
@@ -48,12 +46,8 @@ class ShaderSource:
 
     def explain(self, log: str) -> str:
         """One line from a compiler's log: file, line and the first error, and how many more there are."""
-        messages = [
-            match for match in map(_COMPILER_MESSAGE.match, log.splitlines()) if match
-        ]
-        errors = [
-            match for match in messages if "error" in match[0].lower()
-        ] or messages
+        messages = [match for match in map(_COMPILER_MESSAGE.match, log.splitlines()) if match]
+        errors = [match for match in messages if "error" in match[0].lower()] or messages
         if not errors:
             return " ".join(log.split()) or "unknown error"
         first = errors[0]
@@ -126,13 +120,9 @@ class _Reader:
     def _included(self, argument: str, where: str, depth: int) -> str:
         match = _INCLUDE.match(argument)
         if not match:
-            raise FexelError(
-                f'{where}: malformed #include {argument}, expected #include "file.glsl"'
-            )
+            raise FexelError(f'{where}: malformed #include {argument}, expected #include "file.glsl"')
         if depth:
-            raise FexelError(
-                f"{where}: #include of {match[1]} inside #if; a file is read once, so put it outside"
-            )
+            raise FexelError(f"{where}: #include of {match[1]} inside #if; a file is read once, so put it outside")
         return match[1]
 
     def _text(self, name: str, where: str) -> str:
@@ -141,9 +131,7 @@ class _Reader:
         try:
             return (self._folder / name).read_text(encoding="utf-8")
         except OSError as error:
-            raise FexelError(
-                f"{where}: cannot read shader {name}: {error.strerror}"
-            ) from None
+            raise FexelError(f"{where}: cannot read shader {name}: {error.strerror}") from None
 
 
 def _line(number: int, source: int) -> str:
@@ -151,10 +139,7 @@ def _line(number: int, source: int) -> str:
 
 
 def _define_lines(defines: Mapping[str, Define]) -> list[str]:
-    return [
-        f"#define {_checked_name(name)} {_literal(name, value)}"
-        for name, value in sorted(defines.items())
-    ]
+    return [f"#define {_checked_name(name)} {_literal(name, value)}" for name, value in sorted(defines.items())]
 
 
 def _checked_name(name: str) -> str:
@@ -172,14 +157,10 @@ def _literal(name: str, value: Define) -> str:
         return repr(float(value))
     if isinstance(value, str) and _IDENTIFIER.match(value) and "__" not in value:
         return value
-    raise FexelError(
-        f"shader define {name}: {value!r} is neither an identifier nor a finite number"
-    )
+    raise FexelError(f"shader define {name}: {value!r} is neither an identifier nor a finite number")
 
 
-def compile_program(
-    gl: moderngl.Context, vertex: ShaderSource, fragment: ShaderSource
-) -> moderngl.Program:
+def compile_program(gl: moderngl.Context, vertex: ShaderSource, fragment: ShaderSource) -> moderngl.Program:
     """Compile and link.
 
     Raises
