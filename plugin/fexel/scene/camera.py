@@ -25,7 +25,7 @@ _APERTURE_UNIT = 0.1  # apertures and focal length are in tenths of a scene unit
 
 
 def image_height(width: int, aspect: float) -> int:
-    """Height in pixels of a picture `width` pixels wide, as usdrecord derives it: single precision, cut off, at least 1."""
+    """Height in pixels of a picture `width` pixels wide, as usdrecord has it: single precision, cut off, at least 1."""
     return max(1, int(np.float32(width) / np.float32(aspect)))
 
 
@@ -139,7 +139,7 @@ def _clipping_range(
 
 
 def _projection(window: np.ndarray, near: float, far: float, orthographic: bool) -> np.ndarray:
-    """Camera to OpenGL clip space for row vectors; `window` (left, right, bottom, top) lies at distance 1 (perspective)."""
+    """Camera to OpenGL clip space, row vectors; `window` (left, right, bottom, top) is at distance 1 (perspective)."""
     left, right, bottom, top = window
     matrix = np.zeros((4, 4))
     matrix[0, 0], matrix[1, 1] = 2 / (right - left), 2 / (top - bottom)

@@ -178,7 +178,7 @@ class DrawBuilder:
         return self._without(material, node.prim, missing, time) if missing else material
 
     def _tint(self, material: Material, color: tuple[float, ...]) -> Material:
-        """The material with a display colour that its meshes do not have themselves; the same object for the same colour."""
+        """The material with a display colour from outside the mesh; the same object for the same colour."""
         if not material.uses_display_color:
             return material
         _, tinted = self._variants.get((id(material), color), (None, None))

@@ -57,7 +57,7 @@ def _size(prim: Usd.Prim, name: str, sampler: Sampler) -> float:
 
 
 def _turn(vertices: np.ndarray, axis: str, is_plane: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Turn a shape about z to its axis. A plane's width lies along x (z for axis X), its length along y (z for axis Y)."""
+    """Turn a shape about z to its axis; a plane's width lies along x (z for axis X), its length along y (z for Y)."""
     if axis == UsdGeom.Tokens.x:
         order, signs = ([2, 1, 0], (1, 1, -1)) if is_plane else ([2, 0, 1], (1, 1, 1))
     elif axis == UsdGeom.Tokens.y:
@@ -133,12 +133,12 @@ def _sphere(radius: float) -> _Surface:
     return _revolve(_arc(radius, 0.0, -np.pi / 2, np.pi / 2, _ALONG, (0.0, 1.0)))
 
 
-def _tapered_cylinder(height: float, radiusBottom: float, radiusTop: float) -> _Surface:  # noqa: N803
+def _tapered_cylinder(height: float, radiusBottom: float, radiusTop: float) -> _Surface:
     side = _revolve(_side(radiusBottom, radiusTop, height))
     return _join(side, _cap(radiusBottom, -height / 2, -1.0), _cap(radiusTop, height / 2, 1.0))
 
 
-def _tapered_capsule(height: float, radiusBottom: float, radiusTop: float) -> _Surface:  # noqa: N803
+def _tapered_capsule(height: float, radiusBottom: float, radiusTop: float) -> _Surface:
     """Two half spheres and the side between them; t in proportion to the length of the profile."""
     lengths = np.array([radiusBottom * np.pi / 2, math.hypot(height, radiusBottom - radiusTop), radiusTop * np.pi / 2])
     t1, t2 = (np.cumsum(lengths)[:2] / lengths.sum()).tolist()

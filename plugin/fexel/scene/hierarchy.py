@@ -15,7 +15,7 @@ import numpy as np
 from pxr import Sdf, Usd, UsdGeom, UsdLux, UsdShade, UsdSkel
 
 from fexel.scene.gprims import GPRIM_TYPES
-from fexel.scene.sampling import Faults, Sampler
+from fexel.scene.sampling import Faults
 
 __all__ = ["PrimNode", "Tree", "build_tree"]
 

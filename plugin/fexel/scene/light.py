@@ -1,4 +1,4 @@
-"""UsdLux lights: distant, sphere and dome; of any other kind, and of light shaping, it is said once that they are not drawn."""
+"""UsdLux lights: distant, sphere and dome; of others, and of light shaping, it is said once that they are not drawn."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from pxr import Usd
+from pxr import Usd, UsdShade
 
 from fexel.errors import FexelError
 from fexel.scene.model import Material, Texture, TextureInput
@@ -119,7 +119,7 @@ class MaterialReader:
     def _with_display_primvar(
         self, material: Material, reader: Usd.Prim, name: str, default: Any, sampler: Sampler
     ) -> Material:
-        """Display colour on diffuseColor, display opacity on opacity; of other primvars only the reader's fallback shows."""
+        """Display colour on diffuseColor, display opacity on opacity; of other primvars the reader's fallback shows."""
         primvar = variable_name(reader, sampler, self._faults)
         fallback = resolve_input(reader, "fallback", sampler, self._faults)
         fallback = self._constant(reader, "fallback", None if isinstance(fallback, Node) else fallback, default)
@@ -160,7 +160,7 @@ class MaterialReader:
         if entry is None or not entry.serves(time):
             sampler = Sampler(time)
             try:
-                kind, data = extract_texture(prim, None if time.IsDefault() else time.GetValue())
+                kind, data = extract_texture(prim, time)
                 st = texture_coordinates(prim, sampler, self._faults)
                 texture = Texture(str(prim.GetPath()), kind, data, st.primvar, st.transform)
             except FexelError as error:
@@ -208,10 +208,17 @@ def shared_path(prim: Usd.Prim) -> str:
 def _subtree_varies(prim: Usd.Prim) -> bool:
     """Whether any attribute of a texture or its patches might vary over time."""
     return any(
-        attribute.ValueMightBeTimeVarying()
+        _might_vary(attribute)
         for descendant in Usd.PrimRange(prim, Usd.TraverseInstanceProxies())
         for attribute in descendant.GetAuthoredAttributes()
     )
+
+
+def _might_vary(attribute: Usd.Attribute) -> bool:
+    if attribute.HasAuthoredConnections() and attribute.GetName().startswith("inputs:"):
+        sources = UsdShade.Utils.GetValueProducingAttributes(UsdShade.Input(attribute))
+        return any(source.ValueMightBeTimeVarying() for source in sources)
+    return attribute.ValueMightBeTimeVarying()
 
 
 def textures_of(material: Material) -> Iterator[tuple[str, Texture]]:
@@ -222,7 +229,7 @@ def textures_of(material: Material) -> Iterator[tuple[str, Texture]]:
 
 
 def without_textures(material: Material, primvars: set[str], stage: Usd.Stage, time: Usd.TimeCode) -> Material:
-    """The material with the textures that read `primvars` replaced by their fallback, for a mesh whose primvar is damaged."""
+    """The material with the textures that read `primvars` replaced by their fallback, for a mesh that lost those."""
     inputs = dict(material.inputs)
     for name, texture in textures_of(material):
         if texture.st_primvar in primvars:

@@ -12,7 +12,7 @@ import numpy as np
 from pxr import Usd, UsdGeom, UsdShade
 
 from fexel.scene.model import Mesh
-from fexel.scene.normals import corner_normals, unit_normals
+from fexel.scene.normals import corner_normals, triangle_vectors, unit_normals
 from fexel.scene.primvars import CornerValues, Topology, read_normals, read_primvar, st_primvar_names
 from fexel.scene.sampling import Faults, Sampler
 from fexel.scene.triangulation import triangulate
@@ -159,7 +159,7 @@ def _face_indices(attribute: Usd.Attribute, face_count: int, sampler: Sampler, f
 def _read_subsets(
     prim: Usd.Prim, face_count: int, sampler: Sampler, faults: Faults
 ) -> tuple[tuple[str, ...], np.ndarray]:
-    """Names of the ``materialBind`` face subsets, and each face's subset (-1: none); of overlapping ones the first wins."""
+    """Names of the ``materialBind`` face subsets, and each face's subset (-1: none); of overlapping ones the first."""
     names: list[str] = []
     subset_of_face = np.full(face_count, -1, np.int64)
     for subset in UsdShade.MaterialBindingAPI(prim).GetMaterialBindSubsets():
@@ -181,28 +181,24 @@ def polygons_to_mesh(path: str, polygons: Polygons) -> MeshParts | None:
     """Triangulate polygons, make normals and vertices; None where no triangle is left."""
     topology = polygons.topology
     corners, faces = triangulate(polygons.points, topology.counts, topology.indices)
-    corners, faces = _drop_undrawn(polygons, corners, faces)
-    if not len(corners):
-        return None
-    order = np.argsort(polygons.subset_of_face[faces], kind="stable") if polygons.subset_names else slice(None)
-    corners, faces = corners[order], faces[order]
+    vectors = triangle_vectors(polygons.points, topology.indices[corners])
     channels = dict(polygons.channels)
     if "normals" not in channels:
-        channels["normals"] = corner_normals(polygons.points, topology, polygons.smooth, polygons.left_handed)
+        channels["normals"] = corner_normals(vectors, faces, topology, polygons.smooth, polygons.left_handed)
+    drawn = vectors.any(axis=1)  # not those without extent
+    if len(polygons.holes):
+        drawn &= ~np.isin(faces, polygons.holes)
+    if not drawn.any():
+        return None
+    if not drawn.all():
+        corners, faces = corners[drawn], faces[drawn]
+    order = np.argsort(polygons.subset_of_face[faces], kind="stable") if polygons.subset_names else slice(None)
+    corners, faces = corners[order], faces[order]
     vertex_corners, triangles = _share_vertices(topology, channels, corners)
     if polygons.left_handed:
         triangles = triangles[:, ::-1]
     mesh = _assemble(path, polygons, channels, vertex_corners, triangles)
     return MeshParts(mesh, _ranges(polygons, faces))
-
-
-def _drop_undrawn(polygons: Polygons, corners: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Leave out holes and triangles whose area is exactly zero."""
-    a, b, c = (polygons.points[polygons.topology.indices[corners[:, k]]] for k in range(3))
-    drawn = np.cross(b - a, c - a).any(axis=1)
-    if len(polygons.holes):
-        drawn &= ~np.isin(faces, polygons.holes)
-    return (corners, faces) if drawn.all() else (corners[drawn], faces[drawn])
 
 
 def _ranges(polygons: Polygons, faces: np.ndarray) -> tuple[tuple[str, int, int], ...]:

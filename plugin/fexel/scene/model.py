@@ -119,8 +119,8 @@ class Material:
     `inputs` holds the names that differ from the defaults of the UsdPreviewSurface specification:
     ``diffuseColor emissiveColor useSpecularWorkflow specularColor metallic roughness clearcoat clearcoatRoughness
     opacity opacityThreshold ior normal occlusion``.
-    `uses_display_color`: the mesh's display colour, where it has one, replaces ``diffuseColor``; `uses_display_opacity`:
-    its display opacity replaces ``opacity``.
+    `uses_display_color`: the mesh's display colour, where it has one, replaces ``diffuseColor``;
+    `uses_display_opacity`: its display opacity replaces ``opacity``.
     """
 
     path: str

@@ -1,9 +1,9 @@
 """Primvars of a mesh, checked against its topology and brought to one form: a value per corner, through an index.
 
-A corner is an entry of ``faceVertexIndices``. Every interpolation becomes ``values[corner_rows]``: constant primvars have
-one row for all corners, uniform ones a row per face, vertex and varying ones a row per point, faceVarying ones a row per
-corner; a primvar's own indices are folded in. A primvar whose length does not fit the mesh is dropped with a warning
-that names both lengths.
+A corner is an entry of ``faceVertexIndices``. Every interpolation becomes ``values[corner_rows]``: constant primvars
+have one row for all corners, uniform ones a row per face, vertex and varying ones a row per point, faceVarying ones a
+row per corner; a primvar's own indices are folded in. A primvar whose length does not fit the mesh is dropped with a
+warning that names both lengths.
 """
 
 from __future__ import annotations

@@ -40,7 +40,10 @@ class Sampler:
         return default if value is None else value
 
     def array(self, attribute: Usd.Attribute, dtype: Any, width: int = 1) -> np.ndarray | None:
-        """The attribute's array value: (N,) for `width` 1, else (N, width); a lone value is an array of one; None where it has none."""
+        """The attribute's array value: (N,) for `width` 1, else (N, width); a lone value is an array of one.
+
+        None where it has no value, or one of another width.
+        """
         value = self.get(attribute)
         if value is None:
             return None
@@ -60,7 +63,7 @@ class Faults:
         self._told: set[tuple[str, str]] = set()
 
     def warn(self, path: object, fault: str) -> None:
-        """Warn that the prim or attribute at `path` has a `fault`: what was found, what was expected, what happens now."""
+        """Warn that the prim or attribute at `path` has a `fault`: what was found, what was expected, what is done."""
         key = (str(path), fault)
         if key not in self._told:
             self._told.add(key)
