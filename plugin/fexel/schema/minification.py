@@ -20,8 +20,8 @@ class TextureMinificationAPI(TextureMinificationAPIAccessors):
     schema: ClassVar[str] = "TextureMinificationAPI"
 
     def __bool__(self) -> bool:
-        prim = self.GetPrim()
-        return bool(prim) and prim.HasAPI(self.schema)
+        # GetPrim raises on an invalid prim, so USD's own test comes first.
+        return bool(super().__bool__()) and self.GetPrim().HasAPI(self.schema)
 
     @classmethod
     def CanApply(cls, prim: Usd.Prim) -> bool:

@@ -20,11 +20,17 @@ class UmbrellaTexture(UmbrellaTextureAccessors, FexelTexture):
 
     def GetPatches(self) -> list[UmbrellaPatch]:
         """Base umbrellas in namespace order, the one that ``patchIndices`` counts in; active ones only."""
-        return [UmbrellaPatch(child) for child in _children(self.GetPrim(), UmbrellaPatch.schema)]
+        return [UmbrellaPatch(child) for child in self._children(UmbrellaPatch.schema)]
 
     def GetLevels(self) -> list[UmbrellaLevel]:
         """Coarser levels of detail in namespace order; active ones only."""
-        return [UmbrellaLevel(child) for child in _children(self.GetPrim(), UmbrellaLevel.schema)]
+        return [UmbrellaLevel(child) for child in self._children(UmbrellaLevel.schema)]
+
+    def _children(self, schema: str) -> list[Usd.Prim]:
+        if not self:
+            return []
+        children = self.GetPrim().GetFilteredChildren(Usd.TraverseInstanceProxies(Usd.PrimDefaultPredicate))
+        return [child for child in children if is_a(child, schema)]
 
 
 class UmbrellaPatch(UmbrellaPatchAccessors, TypedWrapper):
@@ -37,10 +43,3 @@ class UmbrellaLevel(UmbrellaLevelAccessors, TypedWrapper):
     """A coarser level of detail of an UmbrellaTexture: derived data, written by the authoring tool."""
 
     schema: ClassVar[str] = "UmbrellaLevel"
-
-
-def _children(prim: Usd.Prim, schema: str) -> list[Usd.Prim]:
-    if not prim:
-        return []
-    children = prim.GetFilteredChildren(Usd.TraverseInstanceProxies(Usd.PrimDefaultPredicate))
-    return [child for child in children if is_a(child, schema)]

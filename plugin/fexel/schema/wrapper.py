@@ -60,7 +60,8 @@ class TypedWrapper(Wrapper, Usd.Typed):
     """Base of the wrappers of prim types."""
 
     def __bool__(self) -> bool:
-        return is_a(self.GetPrim(), self.schema)
+        # GetPrim raises on an invalid prim, so USD's own test comes first.
+        return bool(super().__bool__()) and is_a(self.GetPrim(), self.schema)
 
     @classmethod
     def Define(cls, stage: Usd.Stage, path: Sdf.Path | str) -> Self:
