@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from fexel.errors import FexelError
 
-__all__ = ["ImageInfo", "image_info", "linear_to_srgb", "read_linear", "read_pixels", "srgb_to_linear", "to_linear", "write_pyramid"]
+__all__ = ["ImageInfo", "image_info", "linear_to_srgb", "read_linear", "read_mask", "read_pixels", "srgb_to_linear", "to_linear", "write_pyramid"]
 
 _LARGEST_HALF = 65504.0
 _UNASSOCIATED = "oiio:UnassociatedAlpha"
@@ -266,6 +266,34 @@ def read_linear(path: str, color_space: str = "auto") -> NDArray[np.float32]:
     """A whole file as (H, W, 4) float32, linear, premultiplied. Raises `FexelError` as `image_info` and `read_pixels` do."""
     info = image_info(path)
     return to_linear(read_pixels(info), info, color_space)
+
+
+def read_mask(path: str, size: tuple[int, int]) -> NDArray[np.float32]:
+    """The first channel of a file, raw, resampled to `size`.
+
+    Parameters
+    ----------
+    path : str
+    size : (int, int)
+        Width and height.
+
+    Returns
+    -------
+    (height, width) float32
+        In [0, 1].
+
+    Raises
+    ------
+    FexelError
+        As `image_info` and `read_pixels`.
+    """
+    info = image_info(path)
+    mask = _as_float(read_pixels(info)[..., 0]).clip(0.0, 1.0)
+    if (info.width, info.height) == size:
+        return mask
+    buffer = oiio.ImageBuf(np.ascontiguousarray(mask[..., None]))
+    resized = oiio.ImageBufAlgo.resize(buffer, roi=oiio.ROI(0, size[0], 0, size[1]), filtername="triangle")
+    return resized.get_pixels(oiio.FLOAT)[..., 0].clip(0.0, 1.0)
 
 
 def write_pyramid(path: str, levels: Iterable[NDArray], dtype: str = "uint8", color_space: str = "sRGB", tile: int = 64) -> None:

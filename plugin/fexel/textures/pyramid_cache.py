@@ -1,0 +1,215 @@
+"""Texels of any window of any mip level of an image source, in the format of its page.
+
+Tiled files with mip levels are read in part. Of any other file the pyramid is made once (`fexel.mipmaps`) and kept while it is
+used, up to a limit. Stored texels are linear and premultiplied: page class SRGB keeps them sRGB-encoded in 8 bits, RAW as
+they are in 8 bits, HALF as 16-bit floats.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections import OrderedDict
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fexel import images, mipmaps
+from fexel.errors import FexelError, FexelWarning
+from fexel.textures.zipmap import ImageSource
+
+__all__ = ["BYTES_PER_TEXEL", "HALF", "RAW", "SRGB", "ImageFacts", "PyramidCache"]
+
+SRGB, RAW, HALF = range(3)
+BYTES_PER_TEXEL = (4, 4, 8)
+_KEEP_BYTES = 512 * 2**20
+_IDENTITY = ((1.0, 1.0, 1.0, 1.0), (0.0, 0.0, 0.0, 0.0))
+# sRGB encoding to 8 bits by table: 2^16 steps of linear light are finer than half an 8-bit step even at black.
+_ENCODE = (images.linear_to_srgb(np.arange(65536) / np.float32(65535)) * 255 + 0.5).astype(np.uint8)
+
+
+@dataclass(frozen=True)
+class ImageFacts:
+    """What the texture system must know of an image before it loads a texel.
+
+    Attributes
+    ----------
+    size : (int, int)
+        Width and height of level 0.
+    page_class : int
+    wrap : (str, str)
+        Resolved: ``patch``, ``black``, ``clamp``, ``repeat`` or ``mirror``.
+    info : ImageInfo or None
+        None where the fallback colour stands in.
+    """
+
+    size: tuple[int, int]
+    page_class: int
+    wrap: tuple[str, str]
+    info: images.ImageInfo | None
+
+
+class PyramidCache:
+    """Reads images on demand. Warns once about each that it cannot read."""
+
+    def __init__(self) -> None:
+        self._facts: dict[ImageSource, ImageFacts] = {}
+        self._pyramids: OrderedDict[ImageSource, list[NDArray]] = OrderedDict()
+        self._warned: set[str] = set()
+
+    def facts(self, source: ImageSource, path: str) -> ImageFacts:
+        """Header facts; `path` is the prim to name when the file cannot be read."""
+        if source not in self._facts:
+            self._facts[source] = self._read_facts(source, path)
+        return self._facts[source]
+
+    def _read_facts(self, source: ImageSource, path: str) -> ImageFacts:
+        try:
+            info = images.image_info(source.file) if source.file else None
+        except FexelError as error:
+            self._warn(path, str(error))
+            info = None
+        wrap = tuple("black" if mode == "useMetadata" else mode for mode in source.wrap)
+        if info is None:
+            return self._fallback_facts(source)
+        space = info.color_space if source.color_space == "auto" else source.color_space
+        eight_bit = info.dtype == "uint8" and (source.scale, source.bias) == _IDENTITY
+        page_class = (SRGB if space == "sRGB" else RAW) if eight_bit else HALF
+        return ImageFacts((info.width, info.height), page_class, wrap, info)  # type: ignore[arg-type]
+
+    def _fallback_facts(self, source: ImageSource) -> ImageFacts:
+        """A constant image; 4x4, so that a patch keeps a middle when its rim is cleared."""
+        size, wrap = ((4, 4), ("patch", "patch")) if source.wrap[0] == "patch" else ((1, 1), ("clamp", "clamp"))
+        return ImageFacts(size, HALF, wrap, None)
+
+    def _warn(self, path: str, fault: str) -> None:
+        if fault not in self._warned:
+            self._warned.add(fault)
+            warnings.warn(f"{path}.inputs:file: {fault}; inputs:fallback is shown", FexelWarning, stacklevel=2)
+
+    def window(self, source: ImageSource, path: str, level: int, box: tuple[int, int, int, int]) -> NDArray:
+        """Texels of a window and the border of one texel around it.
+
+        Parameters
+        ----------
+        source : ImageSource
+        path : str
+            Prim to name when the file cannot be read.
+        level : int
+        box : (x0, y0, x1, y1)
+            Half-open, y down from the top, within the level.
+
+        Returns
+        -------
+        (y1 - y0 + 2, x1 - x0 + 2, 4) uint8 or float16
+            Where the border leaves the image, what the wrap mode continues it with; zero for patches and ``black``.
+        """
+        facts = self.facts(source, path)
+        width, height = (mipmaps.level_size(size, level) for size in facts.size)
+        x0, y0, x1, y1 = box
+        inner = (max(x0 - 1, 0), max(y0 - 1, 0), min(x1 + 1, width), min(y1 + 1, height))
+        texels = self._read(source, facts, path, level, inner)
+        if facts.wrap[0] == "patch":
+            texels = _without_rim(texels, inner, (width, height))
+        pad_x, pad_y = (inner[0] - x0 + 1, x1 + 1 - inner[2]), (inner[1] - y0 + 1, y1 + 1 - inner[3])
+        texels = _pad(texels, 1, pad_x, facts.wrap[0])
+        return np.ascontiguousarray(_pad(texels, 0, pad_y, facts.wrap[1]))
+
+    def _read(
+        self, source: ImageSource, facts: ImageFacts, path: str, level: int, box: tuple[int, int, int, int]
+    ) -> NDArray:
+        info = facts.info
+        partial = info is not None and info.tiled and level < len(info.level_sizes) and not source.mask
+        if partial and source not in self._pyramids:
+            try:
+                pixels = images.read_pixels(info, level, box)
+                return _encode(_scaled(images.to_linear(pixels, info, source.color_space), source), facts.page_class)
+            except FexelError as error:
+                self._warn(path, str(error))
+        x0, y0, x1, y1 = box
+        return self._pyramid(source, facts, path)[level][y0:y1, x0:x1]
+
+    def _pyramid(self, source: ImageSource, facts: ImageFacts, path: str) -> list[NDArray]:
+        if source not in self._pyramids:
+            levels = mipmaps.pyramid(_scaled(self._level_zero(source, facts, path), source))
+            self._pyramids[source] = [_encode(level, facts.page_class) for level in levels]
+        self._pyramids.move_to_end(source)
+        held = sum(level.nbytes for levels in self._pyramids.values() for level in levels)
+        while held > _KEEP_BYTES and len(self._pyramids) > 1:
+            _, levels = self._pyramids.popitem(last=False)
+            held -= sum(level.nbytes for level in levels)
+        return self._pyramids[source]
+
+    def _level_zero(self, source: ImageSource, facts: ImageFacts, path: str) -> NDArray[np.float32]:
+        if facts.info is not None:
+            try:
+                texels = images.to_linear(images.read_pixels(facts.info), facts.info, source.color_space)
+                return self._masked(texels, source, path)
+            except FexelError as error:
+                self._warn(path, str(error))
+        r, g, b, a = source.fallback
+        width, height = facts.size
+        return np.broadcast_to(np.array([r * a, g * a, b * a, a], np.float32), (height, width, 4)).copy()
+
+    def _masked(self, texels: NDArray[np.float32], source: ImageSource, path: str) -> NDArray[np.float32]:
+        """The mask, at any resolution, in place of alpha."""
+        if not source.mask:
+            return texels
+        try:
+            mask = images.read_mask(source.mask, (texels.shape[1], texels.shape[0]))
+        except FexelError as error:
+            self._warn(path, str(error))
+            return texels
+        alpha = np.maximum(texels[..., 3:], 1e-6)  # transparent texels have lost their colour
+        texels[..., :3] *= mask[..., None] / alpha
+        texels[..., 3] = mask
+        return texels
+
+    def forget_pyramids(self) -> None:
+        """Free decoded images."""
+        self._pyramids.clear()
+
+
+def _scaled(texels: NDArray[np.float32], source: ImageSource) -> NDArray[np.float32]:
+    """inputs:scale and bias on straight colour, kept premultiplied."""
+    if (source.scale, source.bias) == _IDENTITY:
+        return texels
+    scale, bias = np.array(source.scale, np.float32), np.array(source.bias, np.float32)
+    alpha = np.clip(texels[..., 3:] * scale[3] + bias[3], 0, 1)
+    straight = texels[..., :3] / np.maximum(texels[..., 3:], 1e-6)
+    return np.concatenate([(straight * scale[:3] + bias[:3]) * alpha, alpha], axis=-1)
+
+
+def _encode(texels: NDArray[np.float32], page_class: int) -> NDArray:
+    if page_class == HALF:
+        return texels.astype(np.float16)
+    encoded = (texels.clip(0, 1) * 255 + 0.5).astype(np.uint8)
+    if page_class == SRGB:
+        encoded[..., :3] = _ENCODE[(texels[..., :3].clip(0, 1) * 65535 + 0.5).astype(np.uint16)]
+    return encoded
+
+
+def _without_rim(texels: NDArray, box: tuple[int, int, int, int], size: tuple[int, int]) -> NDArray:
+    texels = texels.copy()
+    x0, y0, x1, y1 = box
+    if x0 == 0:
+        texels[:, 0] = 0
+    if y0 == 0:
+        texels[0] = 0
+    if x1 == size[0]:
+        texels[:, -1] = 0
+    if y1 == size[1]:
+        texels[-1] = 0
+    return texels
+
+
+def _pad(texels: NDArray, axis: int, pad: tuple[int, int], mode: str) -> NDArray:
+    """Continue a level beyond its ends; for `repeat` it is whole along that axis."""
+    if pad == (0, 0):
+        return texels
+    widths = [(0, 0)] * texels.ndim
+    widths[axis] = pad
+    numpy_mode = {"clamp": "edge", "mirror": "symmetric", "repeat": "wrap"}.get(mode)
+    if mode == "repeat" and min(pad) == 0:
+        numpy_mode = "edge"  # a window that does not reach the other end is not seen across the seam
+    return np.pad(texels, widths, mode=numpy_mode) if numpy_mode else np.pad(texels, widths)

@@ -1,0 +1,201 @@
+// Zipmap lookup (Eisemann and Magnor 2010, eq. 1): C = sum_i w_i C_i, w_i = alpha_i prod_{j>i} (1 - alpha_j), front to back.
+// Requires common_footprint.glsl. Provides zipmap_sample.
+//
+// Defines: ZIPMAP_SLOTS textures of the material; ZIPMAP_LEVELS 1 where every image is seen at one mip level only, else 2;
+// ZIPMAP_PROBES 1 for anisotropic filtering; ZIPMAP_SRGB, ZIPMAP_RAW, ZIPMAP_HALF which pages there are.
+//
+// zipmapRecords (RGBA32F, ZIPMAP_ROW texels per row) holds, written by fexel/textures/records.py:
+//   node    leaf: (first record, number of records, 0, 0); inner: (first child, -children per axis, 0, 0)
+//   record  3 texels: rows of the matrix from (s, t, 1) to texels of level 0 (x right, y down, w) with width, height and
+//           packed = finest level + 16 coarsest level + 256 page class + opacity / 2 in their last components; then
+//           (index of the layer, 0, 0, 0); then per level: scale.xy, offset.xy from texels of level 0 to page coordinates.
+// Records of a leaf follow each other front to back; the last one is the root, opaque or not.
+//
+// llvmpipe runs 8 pixels in step, a branch skips nothing, and a loop ends when all are done. Hence do-while loops, which
+// never run once too often, and a search by arithmetic alone before each fetch.
+#include "common_footprint.glsl"
+
+#define ZIPMAP_ROW_BITS 10
+#define ZIPMAP_PATCH 0.0
+#define ZIPMAP_CLAMP 1.0
+#define ZIPMAP_REPEAT 2.0
+#define ZIPMAP_MIRROR 3.0
+
+uniform sampler2D zipmapRecords;
+#if ZIPMAP_SRGB
+uniform sampler2D zipmapPagesSrgb;
+#endif
+#if ZIPMAP_RAW
+uniform sampler2D zipmapPagesRaw;
+#endif
+#if ZIPMAP_HALF
+uniform sampler2D zipmapPagesHalf;
+#endif
+uniform vec4 zipmapGrid[ZIPMAP_SLOTS];       // st -> cell: scale.xy, offset.xy
+uniform ivec4 zipmapTree[ZIPMAP_SLOTS];      // first node, cells along s, cells along t
+uniform vec4 zipmapWrap[ZIPMAP_SLOTS];       // wrap mode of the root along s, t
+uniform vec4 zipmapScale[ZIPMAP_SLOTS];
+uniform vec4 zipmapBias[ZIPMAP_SLOTS];
+uniform vec4 zipmapHalfTexel[3];             // xy: half a texel in page coordinates, per page class
+uniform float zipmapMaxProbes;
+
+// Coverage left below which nothing further back can change an 8-bit result.
+const float ZIPMAP_OPAQUE = 1.0 / 2048.0;
+const float ZIPMAP_MAX_RECORDS = 65536.0;    // ends the loop whatever the data say
+
+vec4 zipmap_fetch(int index)
+{
+    return texelFetch(zipmapRecords, ivec2(index & ((1 << ZIPMAP_ROW_BITS) - 1), index >> ZIPMAP_ROW_BITS), 0);
+}
+
+// Leaf of the index that holds st: (first record, number of records).
+ivec2 zipmap_leaf(int slot, vec2 st)
+{
+    vec2 cells = vec2(zipmapTree[slot].yz);
+    vec2 position = clamp(st * zipmapGrid[slot].xy + zipmapGrid[slot].zw, vec2(0.0), cells - 0.001);
+    vec2 cell = floor(position);
+    vec2 inside = position - cell;
+    int index = zipmapTree[slot].x + int(cell.y) * zipmapTree[slot].y + int(cell.x);
+    vec4 node;
+    do {
+        node = zipmap_fetch(index);
+        float children = -node.y;
+        position = inside * children;
+        cell = min(floor(position), children - 1.0);
+        inside = position - cell;
+        index = int(node.x) + int(cell.y) * int(children) + int(cell.x);
+    } while (node.y < 0.0);
+    return ivec2(node.xy);
+}
+
+// A wrapped texel coordinate of the root; size in texels.
+float zipmap_wrap(float x, float size, float mode)
+{
+    float period = x / size;
+    float repeated = (period - floor(period)) * size;
+    float mirrored = abs(period - 2.0 * floor(0.5 * period + 0.5)) * size;
+    return mode == ZIPMAP_REPEAT ? repeated : mode == ZIPMAP_MIRROR ? mirrored : mode == ZIPMAP_CLAMP ? clamp(x, 0.0, size) : x;
+}
+
+// One bilinear fetch. texel: of level 0; size: of level 0; level: its record; pageClass 0 sRGB, 1 raw, 2 half.
+// Outside of the image the coordinate stops at the centre of the border texel, which is zero for patches.
+vec4 zipmap_texel(vec2 texel, vec2 size, vec4 level, int pageClass)
+{
+    vec4 result = vec4(0.0);
+    vec2 page = texel * level.xy + level.zw;
+    vec2 end = size * level.xy + level.zw;
+#if ZIPMAP_SRGB
+    vec2 halfSrgb = zipmapHalfTexel[0].xy;
+    result = textureLod(zipmapPagesSrgb, clamp(page, level.zw - halfSrgb, end + halfSrgb), 0.0);
+#endif
+#if ZIPMAP_RAW
+    vec2 halfRaw = zipmapHalfTexel[1].xy;
+    vec4 raw = textureLod(zipmapPagesRaw, clamp(page, level.zw - halfRaw, end + halfRaw), 0.0);
+    result = ZIPMAP_SRGB == 0 || pageClass == 1 ? raw : result;
+#endif
+#if ZIPMAP_HALF
+    vec2 halfHalf = zipmapHalfTexel[2].xy;
+    vec4 high = textureLod(zipmapPagesHalf, clamp(page, level.zw - halfHalf, end + halfHalf), 0.0);
+    result = ZIPMAP_SRGB + ZIPMAP_RAW == 0 || pageClass == 2 ? high : result;
+#endif
+    return result;
+}
+
+// texture: slot; st and its derivatives per pixel as the surface gives them.
+// Returns linear, premultiplied rgba after scale and bias; lod: mip level at which the nearest layer was seen (negative
+// when magnified), patchIndex: that layer's number.
+vec4 zipmap_sample(int texture, vec2 st, vec2 dstdx, vec2 dstdy, out float lod, out float patchIndex)
+{
+    ivec2 leaf = zipmap_leaf(texture, st);
+    vec3 position = vec3(st, 1.0);
+    vec2 wrap = zipmapWrap[texture].xy;
+    vec4 color = vec4(0.0);
+    float clear = 1.0;
+    int left = leaf.y;
+    int next = leaf.x;
+    int top = leaf.x;
+    float topLod = 0.0;
+    do {
+        // Search: the next layer that covers st.
+        vec4 rowX, rowY, rowW;
+        vec3 mapped;
+        vec2 texel, dx, dy;
+        bool covers;
+        int packed;
+        int record;
+        do {
+            record = next;
+            rowX = zipmap_fetch(record);
+            rowY = zipmap_fetch(record + 1);
+            rowW = zipmap_fetch(record + 2);
+            mapped = vec3(dot(rowX.xyz, position), dot(rowY.xyz, position), dot(rowW.xyz, position));
+            texel = mapped.xy / mapped.z;
+            packed = int(rowW.w);
+            next = record + 5 + ((packed >> 4) & 15) - (packed & 15);
+            left--;
+            vec2 reach = vec2(0.0);
+#if ZIPMAP_LEVELS > 1 || ZIPMAP_PROBES
+            // Exact Jacobian of the projective map: d(xy / w) = (d(xy) - xy / w d(w)) / w.
+            dx = (vec2(dot(rowX.xy, dstdx), dot(rowY.xy, dstdx)) - texel * dot(rowW.xy, dstdx)) / mapped.z;
+            dy = (vec2(dot(rowX.xy, dstdy), dot(rowY.xy, dstdy)) - texel * dot(rowW.xy, dstdy)) / mapped.z;
+#endif
+#if ZIPMAP_PROBES
+            reach = 0.5 * (abs(dx) + abs(dy));  // probes reach in from outside
+#endif
+            bvec2 low = greaterThanEqual(texel, -reach);
+            bvec2 high = lessThanEqual(texel, vec2(rowX.w, rowY.w) + reach);
+            covers = mapped.z > 0.0 && all(low) && all(high) && left > 0 || left <= 0;
+        } while (!covers);
+
+        vec2 size = vec2(rowX.w, rowY.w);
+        bool isRoot = left <= 0;
+        vec2 wrapped = vec2(zipmap_wrap(texel.x, size.x, wrap.x), zipmap_wrap(texel.y, size.y, wrap.y));
+        vec2 place = isRoot ? wrapped : texel;
+        int finest = packed & 15;
+        int coarsest = (packed >> 4) & 15;
+        int pageClass = packed >> 8;
+        float opacity = 2.0 * (rowW.w - float(packed));
+#if ZIPMAP_LEVELS == 1 && !ZIPMAP_PROBES
+        vec4 sampled = zipmap_texel(place, size, zipmap_fetch(record + 4), pageClass);
+        float level = 0.0;
+#else
+        Footprint footprint = make_footprint(dx, dy);
+#if ZIPMAP_PROBES
+        float probes = footprint_probes(footprint, zipmapMaxProbes);
+#else
+        float probes = 1.0;
+#endif
+        float level = footprint_level(footprint, probes);
+        float used = clamp(level, float(finest), float(coarsest));
+        int fine = int(used);
+        float blend = used - float(fine);
+        vec4 fineLevel = zipmap_fetch(record + 4 + fine - finest);
+        vec4 coarseLevel = zipmap_fetch(record + 4 + min(fine + 1, coarsest) - finest);
+#if ZIPMAP_PROBES
+        vec4 sampled = vec4(0.0);
+        float weight = 1.0 / probes;
+        float along = 0.5 * weight - 0.5;
+        do {
+            vec2 probe = texel + along * footprint.majorDirection;
+            vec2 wrappedProbe = vec2(zipmap_wrap(probe.x, size.x, wrap.x), zipmap_wrap(probe.y, size.y, wrap.y));
+            probe = isRoot ? wrappedProbe : probe;
+            sampled += mix(zipmap_texel(probe, size, fineLevel, pageClass), zipmap_texel(probe, size, coarseLevel, pageClass), blend);
+            along += weight;
+        } while (along < 0.5);
+        sampled *= weight;
+#else
+        vec4 sampled = mix(zipmap_texel(place, size, fineLevel, pageClass), zipmap_texel(place, size, coarseLevel, pageClass), blend);
+#endif
+#endif
+        bool first = clear == 1.0 && sampled.a > 0.0;
+        top = first ? record : top;
+        topLod = first ? level : topLod;
+        color += (mapped.z > 0.0 ? clear * opacity : 0.0) * sampled;
+        clear = 1.0 - color.a;
+    } while (left > 0 && clear > ZIPMAP_OPAQUE);
+    lod = topLod;
+    patchIndex = zipmap_fetch(top + 3).x;
+    float alpha = color.a * zipmapScale[texture].a + zipmapBias[texture].a;
+    float ratio = color.a > 0.0 ? alpha / color.a : 0.0;
+    return vec4((color.rgb * zipmapScale[texture].rgb + color.a * zipmapBias[texture].rgb) * ratio, alpha);
+}
