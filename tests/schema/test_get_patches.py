@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 import warnings
 
-import fexel
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pxr import Gf, Sdf, Usd, UsdShade
+
+import fexel
 
 
 def define(stage, path, matrix=None, kind=fexel.ZipmapTexture):
@@ -93,8 +94,11 @@ def test_instanced_zipmap_has_its_patches():
     assert paths(fexel.ZipmapTexture.Get(stage, "/Instance/R").GetPatches()) == ["/Instance/R", "/Instance/R/A"]
 
 
-def test_invalid_wrapper_has_no_patches():
-    assert fexel.ZipmapTexture().GetPatches() == []
+def test_wrapper_of_another_type_has_no_patches_and_an_empty_one_raises_as_usd_does():
+    stage = Usd.Stage.CreateInMemory()
+    assert fexel.ZipmapTexture(define(stage, "/L", kind=fexel.PinchmapTexture)).GetPatches() == []
+    with pytest.raises(RuntimeError, match="invalid prim"):
+        fexel.ZipmapTexture().GetPatches()
 
 
 def test_time_samples_are_evaluated():

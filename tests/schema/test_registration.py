@@ -10,6 +10,11 @@ import pytest
 
 HEAVY = ["numpy", "OpenImageIO", "moderngl", "cv2", "scipy", "numba", "pxr.Usd", "fexel_tools"]
 TOO_LATE = "import fexel before opening any stage"
+PLAIN_USD = """
+from pxr import Usd
+stage = Usd.Stage.CreateInMemory()
+print(stage.DefinePrim('/a', 'ZipmapTexture').GetPropertyNames())
+"""
 
 
 def run(code: str, **environment: str) -> subprocess.CompletedProcess[str]:
@@ -98,13 +103,11 @@ def test_plugin_path_makes_a_late_import_harmless():
 def test_plugin_path_alone_teaches_plain_usd_the_types():
     from fexel._resources import schemas_dir
 
-    code = "from pxr import Usd; s = Usd.Stage.CreateInMemory(); print(s.DefinePrim('/a', 'ZipmapTexture').GetPropertyNames())"
-    assert "inputs:mask" in run(code, PXR_PLUGINPATH_NAME=str(schemas_dir())).stdout
+    assert "inputs:mask" in run(PLAIN_USD, PXR_PLUGINPATH_NAME=str(schemas_dir())).stdout
 
 
 def test_without_the_plugin_plain_usd_does_not_know_the_types():
-    code = "from pxr import Usd; s = Usd.Stage.CreateInMemory(); print(s.DefinePrim('/a', 'ZipmapTexture').GetPropertyNames())"
-    assert run(code).stdout.strip() == "[]"
+    assert run(PLAIN_USD).stdout.strip() == "[]"
 
 
 def test_unknown_attribute_of_the_package_is_an_attribute_error():

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+
 from fexel_tools import schema_generation
 
 REPOSITORY = Path(__file__).resolve().parents[2]

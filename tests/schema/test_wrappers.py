@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import inspect
 
-import fexel
 import pytest
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdShade
+
+import fexel
 
 CONCRETE = [
     fexel.ZipmapTexture,
@@ -146,4 +147,4 @@ def test_umbrella_lists_its_patches_and_levels(stage):
     stage.GetPrimAtPath("/U/Off").SetActive(False)
     assert [str(patch.GetPath()) for patch in umbrella.GetPatches()] == ["/U/Leaf", "/U/Twig"]
     assert [str(level.GetPath()) for level in umbrella.GetLevels()] == ["/U/Level1"]
-    assert fexel.UmbrellaTexture().GetPatches() == []
+    assert fexel.UmbrellaTexture(stage.GetPrimAtPath("/U/Leaf")).GetPatches() == []

@@ -56,7 +56,7 @@ class ZipmapTexture(ZipmapTextureAccessors, FexelTexture):
 
         Nested FexelTexture prims of any kind are patches, as long as they are active; what else lies below (the
         UsdUVTexture network of the fallback, say) is not. Only a ZipmapTexture has patches of its own. The root itself
-        is patch 0. Empty when this wrapper is invalid.
+        is patch 0. Empty when the prim is of another type.
 
         Parameters
         ----------
