@@ -1,0 +1,421 @@
+"""Photographs: any format that OpenImageIO reads, upright, in linear Rec.709, with their alpha as a hand-made mask.
+
+A photo is probed once (`probe_photo`: size, format, colour space; nothing decoded) and decoded whenever its pixels are
+needed (`load_photo`, `load_preview`), so that a run over many photos never holds them all.
+
+Conventions ----------- *Upright*: the EXIF orientation is applied at once; sizes and pixel coordinates everywhere
+else are those of the photo as displayed. Images are (H, W, 3) float32, linear Rec.709, row 0 at the top; grey photos
+are replicated. Alpha is (H, W) float32 in 0..1, never multiplied into the colours (associated files are divided on
+reading).
+
+Colour spaces: what the file says (OpenImageIO's ``oiio:ColorSpace``, which knows CICP, EXR interop ids and PNG chunks;
+else a known name in the ICC profile; else EXIF's Adobe RGB flag; else an EXR's chromaticities). Without a statement
+integers are sRGB-encoded and floats linear, as USD's ``auto`` has it. An unknown ICC profile is read as sRGB, with
+a warning.
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+import OpenImageIO as oiio
+
+from fexel.errors import FexelError, FexelWarning
+from fexel.images import linear_to_srgb, srgb_to_linear
+
+__all__ = ["MIN_SIDE_PX", "Photo", "load_photo", "load_preview", "probe_photo"]
+
+MIN_SIDE_PX = 16  # below this neither features nor a patch with a rim can be had
+
+_SRGB = ("srgb_rec709_scene", "sRGB", "srgb_rec709_display")
+_LINEAR = (
+    "lin_rec709_scene",
+    "lin_srgb",
+    "scene_linear",
+    "Linear",
+    "linear",
+    "lin_rec709",
+)
+_ICC_NAMES = {  # part of a profile's description, lower case -> a colour space of OpenImageIO's built-in configuration
+    "srgb": "srgb_rec709_scene",
+    "display p3": "srgb_p3d65_scene",
+    "adobe rgb": "g22_adobergb_scene",
+    "adobergb": "g22_adobergb_scene",
+}
+_REC709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
+
+
+@dataclass(frozen=True)
+class Photo:
+    """What is known of a photo without decoding it.
+
+    Attributes
+    ----------
+    file : str
+        The name as the user gave it; the photo's identity in reports and messages.
+    width, height : int
+        Pixels, upright.
+    channel_indices : tuple of int
+        Channels of the file that are red, green, blue (or one grey), then alpha if any.
+    has_alpha, associated_alpha : bool
+    pixel_type : str
+        ``uint8``, ``uint16``, ``half`` or ``float``: what the file stores, wider integers counted as ``uint16``.
+    color_space : str
+        Of OpenImageIO's built-in configuration, or ``chromaticities`` (linear, primaries in `chromaticities`).
+    orientation : int
+        EXIF, 1 to 8, as stored; already applied to everything that this package returns.
+    subimage : int
+        Part of a multi-part file.
+    chromaticities : tuple of 8 float or None
+        CIE xy of red, green, blue and white.
+    """
+
+    file: str
+    width: int
+    height: int
+    channel_indices: tuple[int, ...]
+    has_alpha: bool
+    associated_alpha: bool
+    pixel_type: str
+    color_space: str
+    orientation: int = 1
+    subimage: int = 0
+    chromaticities: tuple[float, ...] | None = None
+
+    @property
+    def is_float(self) -> bool:
+        """Whether values may exceed 1."""
+        return self.pixel_type in ("half", "float")
+
+    @property
+    def is_srgb(self) -> bool:
+        """Whether the stored values are sRGB-encoded Rec.709."""
+        return self.color_space in _SRGB
+
+
+def probe_photo(file: str | Path) -> Photo:
+    """Read the header of a photo.
+
+    Raises
+    ------
+    FexelError
+        The file is missing, unreadable, not an image, smaller than `MIN_SIDE_PX`, or holds deep or volume data.
+    """
+    file = str(file)
+    if not Path(file).is_file():
+        raise FexelError(f"{file}: no such file" if not Path(file).exists() else f"{file}: not a file")
+    image = _open(file)
+    try:
+        subimage, spec, channels = _color_part(file, image)
+        _check_spec(file, spec)
+    finally:
+        image.close()
+    has_alpha = len(channels) in (2, 4)
+    orientation = int(spec.get_int_attribute("Orientation", 1))
+    orientation = orientation if 1 <= orientation <= 8 else 1
+    width, height = spec.full_width, spec.full_height
+    color_space, chromaticities = _color_space(file, spec)
+    return Photo(
+        file=file,
+        width=height if orientation >= 5 else width,
+        height=width if orientation >= 5 else height,
+        channel_indices=channels,
+        has_alpha=has_alpha,
+        associated_alpha=has_alpha and not _unassociated(image.format_name(), spec),
+        pixel_type=_pixel_type(spec),
+        color_space=color_space,
+        orientation=orientation,
+        subimage=subimage,
+        chromaticities=chromaticities,
+    )
+
+
+def load_photo(photo: Photo) -> tuple[np.ndarray, np.ndarray | None]:
+    """Decode a photo to linear light.
+
+    Returns
+    -------
+    rgb : (H, W, 3) float32
+        Linear Rec.709, upright; never NaN, infinite or negative (see `Warns`).
+    alpha : (H, W) float32 or None
+        The hand-made mask, 0..1; None where the file has no alpha.
+
+    Raises
+    ------
+    FexelError
+        The file ends early or cannot be decoded.
+
+    Warns
+    -----
+    FexelWarning
+        NaN or infinite pixels were found; they become black, and transparent.
+    """
+    pixels = _read_pixels(photo, oiio.UINT8 if photo.pixel_type == "uint8" else oiio.FLOAT)
+    color = pixels[..., : pixels.shape[2] - photo.has_alpha]
+    alpha = np.ascontiguousarray(pixels[..., -1]) if photo.has_alpha else None
+    if alpha is not None and alpha.dtype == np.uint8:
+        alpha = alpha.astype(np.float32) / 255.0
+    if color.dtype != np.uint8:
+        color, alpha = _without_nan(photo, color, alpha)
+        alpha = None if alpha is None else np.clip(alpha, 0.0, 1.0)
+    if color.dtype == np.uint8 and photo.is_srgb and not photo.associated_alpha:
+        rgb = _decode_srgb_uint8(color)
+    else:
+        color = color.astype(np.float32) / 255.0 if color.dtype == np.uint8 else color
+        rgb = _to_linear(photo, color, alpha)
+    rgb = np.repeat(rgb, 3, axis=2) if rgb.shape[2] == 1 else rgb
+    return np.ascontiguousarray(_upright(rgb, photo.orientation)), _upright_mask(alpha, photo.orientation)
+
+
+def load_preview(photo: Photo, max_pixels: int | None = None) -> np.ndarray:
+    """Decode a photo for matching: sRGB-encoded 8-bit, at most `max_pixels` (area-filtered).
+
+    Float photos are exposed so that their 99th percentile becomes white. Masked-out pixels keep their colour.
+
+    Returns
+    -------
+    (H, W, 3) uint8
+        sRGB-encoded, upright. Size: `preview_size`.
+    """
+    if photo.pixel_type == "uint8" and not photo.associated_alpha:
+        pixels = _read_pixels(photo, oiio.UINT8)
+        pixels = pixels[..., : pixels.shape[2] - photo.has_alpha]
+        image = _upright(
+            np.repeat(pixels, 3, axis=2) if pixels.shape[2] == 1 else pixels,
+            photo.orientation,
+        )
+        return _at_most(np.ascontiguousarray(image), max_pixels)
+    linear, _ = load_photo(photo)
+    linear = _at_most(linear, max_pixels)
+    if photo.is_float:
+        white = float(np.percentile(linear[::4, ::4], 99.0))
+        linear = linear / max(white, 1e-6)  # guards an all-black photo
+    return np.rint(linear_to_srgb(np.clip(linear, 0.0, 1.0)) * 255.0).astype(np.uint8)
+
+
+def _open(file: str) -> oiio.ImageInput:
+    hints = oiio.ImageSpec()
+    hints.attribute("oiio:UnassociatedAlpha", 1)  # give alpha as stored: no multiplication of encoded values
+    image = oiio.ImageInput.open(file, hints)
+    if image is None:
+        raise FexelError(f"{file}: cannot be read: {_one_line(oiio.geterror())}")
+    return image
+
+
+def _one_line(text: str) -> str:
+    return " ".join((text or "unknown error").replace('"', "'").split())
+
+
+def _color_part(file: str, image: oiio.ImageInput) -> tuple[int, oiio.ImageSpec, tuple[int, ...]]:
+    """The first part of the file that has colours, and which channels they are."""
+    for subimage in range(64):
+        if not image.seek_subimage(subimage, 0):
+            break
+        spec = image.spec()
+        channels = _color_channels(list(spec.channelnames), spec.nchannels)
+        if channels:
+            return subimage, spec.copy(), channels
+    raise FexelError(f"{file}: no colour channels found, expected R, G, B or one grey channel")
+
+
+def _color_channels(names: list[str], count: int) -> tuple[int, ...]:
+    lower = [name.lower() for name in names]
+    alpha = (lower.index("a"),) if "a" in lower else ()
+    if all(c in lower for c in "rgb"):
+        return (*(lower.index(c) for c in "rgb"), *alpha)
+    for grey in ("y", "i", "l", "z"):
+        if grey in lower and grey != "z":
+            return (lower.index(grey), *alpha)
+    layers = [name[:-2] for name in lower if name.endswith(".r")]
+    for layer in layers:
+        if f"{layer}.g" in lower and f"{layer}.b" in lower:
+            wanted = [f"{layer}.{c}" for c in "rgba"]
+            return tuple(lower.index(c) for c in wanted if c in lower)
+    if count == 1 and lower[0] not in ("z", "depth"):
+        return (0,)
+    return ()
+
+
+def _check_spec(file: str, spec: oiio.ImageSpec) -> None:
+    if spec.deep or spec.depth > 1:
+        raise FexelError(f"{file}: holds {'deep' if spec.deep else 'volume'} data, expected a flat image")
+    if min(spec.full_width, spec.full_height) < MIN_SIDE_PX:
+        size = f"{spec.full_width} x {spec.full_height}"
+        raise FexelError(f"{file}: {size} pixels, expected at least {MIN_SIDE_PX} on each side")
+
+
+def _pixel_type(spec: oiio.ImageSpec) -> str:
+    name = str(spec.format)
+    if name in ("half", "float", "double"):
+        return "half" if name == "half" else "float"
+    return "uint8" if name in ("uint8", "int8") else "uint16"
+
+
+def _unassociated(format_name: str, spec: oiio.ImageSpec) -> bool:
+    if spec.get_int_attribute("oiio:UnassociatedAlpha", 0) or spec.get_int_attribute("tiff:UnassociatedAlpha", 0):
+        return True
+    return format_name not in (
+        "openexr",
+        "tiff",
+    )  # PNG, WebP, Targa and their like store it so by definition
+
+
+def _color_space(file: str, spec: oiio.ImageSpec) -> tuple[str, tuple[float, ...] | None]:
+    is_float = _pixel_type(spec) in ("half", "float")
+    icc = _icc_space(file, spec)
+    if icc:
+        return icc, None
+    stated = spec.get_string_attribute("oiio:ColorSpace") or spec.get_string_attribute("colorInteropID")
+    if spec.get_int_attribute("Exif:ColorSpace", 1) == 2:
+        return "g22_adobergb_scene", None
+    if stated in _SRGB or stated in _LINEAR:
+        return ("srgb_rec709_scene" if stated in _SRGB else "lin_rec709_scene"), None
+    if stated and oiio.ColorConfig().getColorSpaceIndex(stated) >= 0:
+        return stated, None
+    chromaticities = spec.getattribute("chromaticities")
+    if chromaticities is not None and len(chromaticities) == 8 and not np.allclose(chromaticities, _REC709, atol=2e-3):
+        return "chromaticities", tuple(float(c) for c in chromaticities)
+    return ("lin_rec709_scene" if is_float else "srgb_rec709_scene"), None
+
+
+def _icc_space(file: str, spec: oiio.ImageSpec) -> str:
+    if spec.getattribute("ICCProfile") is None:
+        return ""
+    description = spec.get_string_attribute("ICCProfile:profile_description")
+    for part, space in _ICC_NAMES.items():
+        if part in description.lower():
+            return space
+    warnings.warn(
+        f"{file}: ICC profile '{description}' is not known, read as sRGB",
+        FexelWarning,
+        stacklevel=4,
+    )
+    return "srgb_rec709_scene"
+
+
+def _read_pixels(photo: Photo, pixel_type: oiio.BASETYPE) -> np.ndarray:
+    """The channels of the photo, as stored, in the display window: (H, W, C), not yet upright."""
+    image = _open(photo.file)
+    try:
+        if photo.subimage:
+            image.seek_subimage(photo.subimage, 0)
+        spec = image.spec()
+        pixels = image.read_image(photo.subimage, 0, 0, spec.nchannels, pixel_type)
+        error = image.geterror()
+    finally:
+        image.close()
+    if pixels is None or error:
+        raise FexelError(f"{photo.file}: cannot be decoded: {_one_line(error)}")
+    pixels = np.asarray(pixels).reshape(spec.height, spec.width, spec.nchannels)
+    if photo.channel_indices != tuple(range(spec.nchannels)):
+        pixels = pixels[..., list(photo.channel_indices)]
+    return _display_window(pixels, spec)
+
+
+def _display_window(pixels: np.ndarray, spec: oiio.ImageSpec) -> np.ndarray:
+    x, y = spec.x - spec.full_x, spec.y - spec.full_y
+    if (x, y, spec.width, spec.height) == (0, 0, spec.full_width, spec.full_height):
+        return pixels
+    window = np.zeros((spec.full_height, spec.full_width, pixels.shape[2]), pixels.dtype)
+    x0, y0 = max(x, 0), max(y, 0)
+    x1, y1 = (
+        min(x + spec.width, spec.full_width),
+        min(y + spec.height, spec.full_height),
+    )
+    if x1 > x0 and y1 > y0:
+        window[y0:y1, x0:x1] = pixels[y0 - y : y1 - y, x0 - x : x1 - x]
+    return window
+
+
+def _without_nan(photo: Photo, color: np.ndarray, alpha: np.ndarray | None) -> tuple[np.ndarray, np.ndarray | None]:
+    good = np.isfinite(color).all(axis=2)
+    if alpha is not None:
+        good &= np.isfinite(alpha)
+    if good.all():
+        return color, alpha
+    count = int(good.size - np.count_nonzero(good))
+    message = f"{photo.file}: {count} pixels are NaN or infinite; they become black and transparent"
+    warnings.warn(message, FexelWarning, stacklevel=3)
+    alpha = np.ones(good.shape, np.float32) if alpha is None else alpha
+    return np.where(good[..., None], color, np.float32(0.0)), np.where(good, alpha, np.float32(0.0))
+
+
+def _decode_srgb_uint8(color: np.ndarray) -> np.ndarray:
+    return _SRGB_TABLE[color]
+
+
+_SRGB_TABLE = srgb_to_linear(np.arange(256) / np.float32(255))
+
+
+def _to_linear(photo: Photo, color: np.ndarray, alpha: np.ndarray | None) -> np.ndarray:
+    if photo.associated_alpha and alpha is not None:
+        color = np.where(alpha[..., None] > 0.0, color / np.maximum(alpha, 1e-6)[..., None], 0.0).astype(np.float32)
+    if photo.is_srgb:
+        linear = srgb_to_linear(color)
+    elif photo.color_space in _LINEAR:
+        linear = color
+    elif photo.chromaticities:
+        linear = color if color.shape[2] == 1 else color @ _rec709_from(photo.chromaticities).T.astype(np.float32)
+    else:
+        linear = _convert_color(photo, color)
+    return np.maximum(linear, 0.0)
+
+
+def _convert_color(photo: Photo, color: np.ndarray) -> np.ndarray:
+    rgb = np.repeat(color, 3, axis=2) if color.shape[2] == 1 else color
+    height, width = rgb.shape[:2]
+    source = oiio.ImageBuf(np.ascontiguousarray(rgb, np.float32))
+    result = oiio.ImageBufAlgo.colorconvert(source, photo.color_space, "lin_rec709_scene", unpremult=False)
+    if result.has_error:
+        raise FexelError(f"{photo.file}: colour space '{photo.color_space}': {_one_line(result.geterror())}")
+    return np.asarray(result.get_pixels(oiio.FLOAT)).reshape(height, width, 3)
+
+
+def _rec709_from(chromaticities: tuple[float, ...]) -> np.ndarray:
+    """(3, 3) float64, column vectors: linear RGB with these primaries and white to linear Rec.709 (Bradford)."""
+
+    def to_xyz(xy: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
+        points = np.asarray(xy, np.float64).reshape(4, 2)
+        xyz = np.column_stack([points, 1.0 - points.sum(axis=1)]) / points[:, 1:]
+        return xyz[:3].T * np.linalg.solve(xyz[:3].T, xyz[3]), xyz[3]
+
+    source, source_white = to_xyz(chromaticities)
+    target, target_white = to_xyz(_REC709)
+    bradford = np.array(
+        [
+            [0.8951, 0.2664, -0.1614],
+            [-0.7502, 1.7135, 0.0367],
+            [0.0389, -0.0685, 1.0296],
+        ]
+    )
+    gain = (bradford @ target_white) / (bradford @ source_white)
+    adapt = np.linalg.solve(bradford, gain[:, None] * bradford)
+    return np.linalg.solve(target, adapt @ source)
+
+
+def _upright(image: np.ndarray, orientation: int) -> np.ndarray:
+    """Apply an EXIF orientation (1 to 8) to rows and columns."""
+    if orientation >= 5:
+        image = image.swapaxes(0, 1)
+    if orientation in (3, 4, 7, 8):
+        image = image[::-1] if orientation != 7 else image[::-1, ::-1]
+    if orientation in (2, 3, 6):
+        image = image[:, ::-1]
+    return image
+
+
+def _upright_mask(alpha: np.ndarray | None, orientation: int) -> np.ndarray | None:
+    return None if alpha is None else np.ascontiguousarray(_upright(alpha, orientation))
+
+
+def _at_most(image: np.ndarray, max_pixels: int | None) -> np.ndarray:
+    height, width = image.shape[:2]
+    if max_pixels is None or width * height <= max_pixels:
+        return image
+    ratio = (max_pixels / (width * height)) ** 0.5
+    size = (max(1, round(width * ratio)), max(1, round(height * ratio)))
+    return cv2.resize(image, size, interpolation=cv2.INTER_AREA)

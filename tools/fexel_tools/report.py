@@ -1,0 +1,88 @@
+"""The report of an authoring run: what became of every photo, as JSON.
+
+::
+
+    {"root": file, "photos": [{"file", "status": "root" | "patch" | "rejected", "reason", "parent", "scale",
+                               "root_from_photo": 3x3, "inliers", "rms_px"}]}
+
+`root_from_photo` maps continuous pixel coordinates (x right, y down, (0, 0) at the outer corner of the first pixel,
+column vectors) of the upright photo, EXIF orientation applied, to the root's; it is null for a photo that was not
+placed. `scale` is pixels of the photo per pixel of its parent, `rms_px` the root mean square distance of the inliers,
+in pixels of the parent, from where the final placement puts them. Files are named as they were given. Numbers that
+are not finite are null.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from fexel.errors import FexelError
+
+__all__ = ["PhotoReport", "ZipmapReport", "write_report"]
+
+
+@dataclass(frozen=True, eq=False)
+class PhotoReport:
+    """What became of one photo; see the module for the fields."""
+
+    file: str
+    status: str
+    reason: str = ""
+    parent: str | None = None
+    scale: float | None = None
+    root_from_photo: np.ndarray | None = None
+    inliers: int | None = None
+    rms_px: float | None = None
+
+    def as_json(self) -> dict:
+        """The photo's entry, in the order of the fields."""
+        matrix = self.root_from_photo
+        return {
+            "file": self.file,
+            "status": self.status,
+            "reason": self.reason,
+            "parent": self.parent,
+            "scale": _number(self.scale),
+            "root_from_photo": None if matrix is None else [[_number(v) for v in row] for row in matrix],
+            "inliers": self.inliers,
+            "rms_px": _number(self.rms_px),
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class ZipmapReport:
+    """What became of all photos, in the order in which they were given."""
+
+    root: str
+    photos: tuple[PhotoReport, ...]
+
+    def as_json(self) -> dict:
+        """The whole report."""
+        return {"root": self.root, "photos": [photo.as_json() for photo in self.photos]}
+
+
+def write_report(report: ZipmapReport, file: str | Path) -> None:
+    """Write the report as JSON, beside and renamed.
+
+    Raises
+    ------
+    FexelError
+        The file cannot be written.
+    """
+    path = Path(file)
+    beside = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        beside.write_text(json.dumps(report.as_json(), indent=1, allow_nan=False, ensure_ascii=False) + "\n", "utf-8")
+        os.replace(beside, path)
+    except OSError as error:
+        beside.unlink(missing_ok=True)
+        raise FexelError(f"{file}: report cannot be written: {error.strerror}") from error
+
+
+def _number(value: float | None) -> float | None:
+    return float(value) if value is not None and np.isfinite(value) else None
