@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from fexel.renderer.api import Renderer, open_stage, render
+from fexel.renderer.api import Renderer, render
 from fexel.renderer.context import GLContext
 
-__all__ = ["GLContext", "Renderer", "open_stage", "render"]
+__all__ = ["GLContext", "Renderer", "render"]

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from fexel.scene import SceneReader
     from fexel.scene.model import Scene
 
-__all__ = ["DEFAULT_TEXTURE_MEMORY_MB", "Renderer", "open_stage", "render"]
+__all__ = ["DEFAULT_TEXTURE_MEMORY_MB", "Renderer", "render"]
 
 DEFAULT_TEXTURE_MEMORY_MB = 512.0
 
@@ -96,6 +96,7 @@ class Renderer:
         cull_back_faces: bool = False,
         dome_visible: bool = False,
         conform_policy: str = "expandAperture",
+        pixel_aspect: float = 1.0,
     ) -> dict[str, np.ndarray]:
         """Render one frame of a stage.
 
@@ -123,6 +124,8 @@ class Renderer:
             Show dome lights in the background.
         conform_policy : str
             When `height` is given: how the camera is fitted to it, see UsdRenderSettings.aspectRatioConformPolicy.
+        pixel_aspect : float
+            Width over height of a pixel.
 
         Returns
         -------
@@ -154,6 +157,7 @@ class Renderer:
             cull_back_faces=cull_back_faces,
             dome_visible=dome_visible,
             conform_policy=conform_policy,
+            pixel_aspect=pixel_aspect,
         )
         return self.draw(scene, settings)
 
@@ -200,6 +204,7 @@ class Renderer:
         self, stage: str | os.PathLike | Usd.Stage, purposes: tuple, mask: tuple | None, complexity: str
     ) -> SceneReader:
         from fexel.scene import SceneReader
+        from fexel.stage import open_stage
 
         key = (_stamp(stage), purposes, mask, complexity)
         if self._reader is None or self._reader[0] != key:
@@ -228,45 +233,6 @@ def _stamp(stage: str | os.PathLike | Usd.Stage) -> tuple:
         return (os.fspath(stage), os.stat(stage).st_mtime_ns)
     except OSError:
         return (os.fspath(stage),)
-
-
-def open_stage(file: str | os.PathLike, session_layer: str | os.PathLike | None = None) -> Usd.Stage:
-    """Open a stage, and a session layer with it.
-
-    Raises
-    ------
-    FexelError
-        Missing or unreadable file; the message names it.
-    """
-    from pxr import Sdf, Tf, Usd
-
-    import fexel  # noqa: F401 - registers the schemas before the stage is composed
-
-    def layer(path: str) -> Sdf.Layer:
-        if not os.path.exists(path) and "://" not in path:
-            raise FexelError(f"{path}: no such file")
-        try:
-            found = Sdf.Layer.FindOrOpen(path)
-        except Tf.ErrorException as error:
-            raise FexelError(f"{path}: cannot be read as USD: {_first_line(error)}") from None
-        if not found:
-            raise FexelError(f"{path}: cannot be read as USD")
-        return found
-
-    root = layer(os.fspath(file))
-    session = layer(os.fspath(session_layer)) if session_layer else Sdf.Layer.CreateAnonymous()
-    try:
-        stage = Usd.Stage.Open(root, session)
-    except Tf.ErrorException as error:
-        raise FexelError(f"{os.fspath(file)}: cannot be composed: {_first_line(error)}") from None
-    if not stage:
-        raise FexelError(f"{os.fspath(file)}: cannot be composed")
-    return stage
-
-
-def _first_line(error: Exception) -> str:
-    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-    return next((line for line in lines if not line.startswith("Error in")), lines[0] if lines else "unknown error")
 
 
 def render(stage: str | os.PathLike | Usd.Stage, **options: Any) -> dict[str, np.ndarray]:

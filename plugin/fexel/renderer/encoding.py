@@ -1,7 +1,8 @@
 """From linear, premultiplied colour and from data to what an image file shows.
 
-Colour correction has usdrecord's modes: ``disabled`` keeps linear values, ``sRGB`` applies the encoding of IEC 61966-2-1,
-``openColorIO`` the default display and view of the configuration that ``$OCIO`` names. All act on straight colour.
+Colour correction has usdrecord's modes: ``disabled`` keeps linear values, ``sRGB`` applies the encoding of
+IEC 61966-2-1, ``openColorIO`` the default display and view of the configuration that ``$OCIO`` names. All act on
+straight colour.
 """
 
 from __future__ import annotations
@@ -92,9 +93,9 @@ def data_range(name: str, image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def visible_data(name: str, rows: np.ndarray, extent: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
     """A data AOV as values in [0, 1], for formats that hold no others.
 
-    ``depth alpha``: as they are. ``cameraDepth``: nearest 1, farthest 0.1, nothing 0. ``position``: the frame's bounds to
-    [0, 1]. ``normal Neye``: 0.5 + 0.5 n. ``st``: fraction, red and green. ``lod``: (lod + 1) / 16. ``patch primId``: a
-    colour per number, nothing black.
+    ``depth alpha``: as they are. ``cameraDepth``: nearest 1, farthest 0.1, nothing 0. ``position``: the frame's bounds
+    to [0, 1]. ``normal Neye``: 0.5 + 0.5 n. ``st``: fraction, red and green. ``lod``: (lod + 1) / 16.
+    ``patch primId``: a colour per number, nothing black.
 
     Parameters
     ----------

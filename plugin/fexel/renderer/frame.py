@@ -1,13 +1,14 @@
 """One frame of a scene: tiles, passes, samples.
 
 Per tile: what is in view is found (`view_list`), its textures are made resident, then the colour pass is drawn, opaque
-surfaces first, translucent ones from back to front (sorted by draw, not by triangle), and, only when asked for, the data
-pass. Up to the hardware's limit samples are multisamples of float16; beyond it the tile is drawn once per sample with
-offsets that fill the pixel's box, and averaged in float32, which supersamples the shading as well.
+surfaces first, translucent ones from back to front (sorted by draw, not by triangle), and, only when asked for, the
+data pass. Up to the hardware's limit samples are multisamples of float16; beyond it the tile is drawn once per sample
+with offsets that fill the pixel's box, and averaged in float32, which supersamples the shading as well.
 """
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Sequence
 from contextlib import contextmanager
@@ -53,6 +54,8 @@ class FrameSettings:
         Draw the dome lights behind everything, opaque.
     conform_policy : str
         How the camera is fitted to the image's aspect; as in UsdRenderSettings.
+    pixel_aspect : float
+        Width over height of a pixel.
     """
 
     width: int
@@ -63,6 +66,7 @@ class FrameSettings:
     cull_back_faces: bool = False
     dome_visible: bool = False
     conform_policy: str = "expandAperture"
+    pixel_aspect: float = 1.0
 
     def __post_init__(self) -> None:
         for name, value in (("width", self.width), ("height", self.height)):
@@ -70,6 +74,8 @@ class FrameSettings:
                 raise FexelError(f"{name} of the image: {value} pixels, expected 1 to {MAX_SIZE_PX}")
         if not 1 <= self.samples <= 4096:
             raise FexelError(f"samples: {self.samples}, expected 1 to 4096")
+        if not 0.0 < self.pixel_aspect < math.inf:
+            raise FexelError(f"pixel aspect ratio: {self.pixel_aspect}, expected more than 0")
 
 
 @dataclass
@@ -106,12 +112,13 @@ class FrameRenderer:
         """All AOVs of a frame: (height, width, channels) float32 by name, row 0 at the top."""
         shape = (settings.height, settings.width)
         images = {aov.name: np.empty((*shape, len(aov.channels)), np.float32) for aov in settings.aovs}
-        projection = conform_projection(scene.camera, settings.width / settings.height, settings.conform_policy)
+        aspect = settings.width * settings.pixel_aspect / settings.height
+        projection = conform_projection(scene.camera, aspect, settings.conform_policy)
         self.state.begin_frame(scene, settings.camera_light)
         for tile in tiles(settings.width, settings.height):
             viewpoint = Viewpoint.of(scene.camera, projection, tile)
             with self.stats.phase("visibility"):
-                view_list = ViewList.of(scene, viewpoint, settings.aovs)
+                view_list = ViewList.of(scene, viewpoint)
             with self.stats.phase("textures"):
                 self.state.begin_view(view_list)
             for name, pixels in self._draw_tile(view_list, tile, settings).items():

@@ -1,8 +1,8 @@
 """Vertex and index buffers of meshes, cached by the identity of the `Mesh`.
 
-Positions are stored as float32 relative to the middle of the mesh's bounds, so that a mesh far from its own origin keeps
-its shape; the matrix that goes with them is composed in float64. Buffers of a mesh that no longer exists are freed at the
-next `collect`.
+Positions are stored as float32 relative to the middle of the mesh's bounds, so that a mesh far from its own origin
+keeps its shape; the matrix that goes with them is composed in float64. Buffers of a mesh that no longer exists are
+freed at the next `collect`.
 """
 
 from __future__ import annotations

@@ -127,7 +127,7 @@ def _write_exr(path: Path, images: Mapping[str, np.ndarray], correction: ColorCo
     import OpenImageIO as oiio
 
     channels, types, sources = [], [], []
-    for name, image in images.items():
+    for name in images:
         for index, suffix in enumerate(AOVS[name].channels):
             channels.append(
                 suffix if name == "color" or (name == "alpha" and "color" not in images) else f"{name}.{suffix}"

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fexel.renderer.aov import Aov
 from fexel.renderer.surface import Surface
 from fexel.renderer.viewport import Tile
 from fexel.scene.model import Camera, Draw, Material, Mesh, Scene
@@ -77,10 +76,12 @@ class Item:
 
     @property
     def double_sided(self) -> bool:
+        """As authored on the prim."""
         return self.draw.double_sided
 
     @property
     def rebased(self) -> RebasedMesh | None:
+        """Vertices that replace the mesh's in a deep zoom."""
         return self.visible.rebased if self.visible is not None else None
 
 
@@ -92,7 +93,7 @@ class ViewList:
     items: tuple[Item, ...]
 
     @classmethod
-    def of(cls, scene: Scene, viewpoint: Viewpoint, aovs: Sequence[Aov] = ()) -> ViewList:
+    def of(cls, scene: Scene, viewpoint: Viewpoint) -> ViewList:
         """What `viewpoint` sees of `scene`."""
         draws = [draw for draw in scene.draws if draw.triangle_count > 0]
         seen, distances = _in_view(draws, viewpoint)
