@@ -7,7 +7,7 @@
 // zipmapRecords (RGBA32F, ZIPMAP_ROW texels per row) holds, written by fexel/textures/records.py:
 //   node    leaf: (first record, number of records, 0, 0); inner: (first child, -children per axis, 0, 0)
 //   record  3 texels: rows of the matrix from (s, t, 1) to texels of level 0 (x right, y down, w) with width, height and
-//           packed = finest level + 16 coarsest level + 256 page class + opacity / 2 in their last components; then
+//           codes = finest level + 16 coarsest level + 256 page class + opacity / 2 in their last components; then
 //           (index of the layer, 0, 0, 0); then per level: scale.xy, offset.xy from texels of level 0 to page coordinates.
 // Records of a leaf follow each other front to back; the last one is the root, opaque or not.
 //
@@ -101,14 +101,14 @@ vec4 zipmap_texel(vec2 texel, vec2 size, vec4 level, int pageClass)
     return result;
 }
 
-// texture: slot; st and its derivatives per pixel as the surface gives them.
+// slot: which texture of the material; st and its derivatives per pixel as the surface gives them.
 // Returns linear, premultiplied rgba after scale and bias; lod: mip level at which the nearest layer was seen (negative
 // when magnified), patchIndex: that layer's number.
-vec4 zipmap_sample(int texture, vec2 st, vec2 dstdx, vec2 dstdy, out float lod, out float patchIndex)
+vec4 zipmap_sample(int slot, vec2 st, vec2 dstdx, vec2 dstdy, out float lod, out float patchIndex)
 {
-    ivec2 leaf = zipmap_leaf(texture, st);
+    ivec2 leaf = zipmap_leaf(slot, st);
     vec3 position = vec3(st, 1.0);
-    vec2 wrap = zipmapWrap[texture].xy;
+    vec2 wrap = zipmapWrap[slot].xy;
     vec4 color = vec4(0.0);
     float clear = 1.0;
     int left = leaf.y;
@@ -121,7 +121,7 @@ vec4 zipmap_sample(int texture, vec2 st, vec2 dstdx, vec2 dstdy, out float lod, 
         vec3 mapped;
         vec2 texel, dx, dy;
         bool covers;
-        int packed;
+        int codes;
         int record;
         do {
             record = next;
@@ -130,8 +130,8 @@ vec4 zipmap_sample(int texture, vec2 st, vec2 dstdx, vec2 dstdy, out float lod, 
             rowW = zipmap_fetch(record + 2);
             mapped = vec3(dot(rowX.xyz, position), dot(rowY.xyz, position), dot(rowW.xyz, position));
             texel = mapped.xy / mapped.z;
-            packed = int(rowW.w);
-            next = record + 5 + ((packed >> 4) & 15) - (packed & 15);
+            codes = int(rowW.w);
+            next = record + 5 + ((codes >> 4) & 15) - (codes & 15);
             left--;
             vec2 reach = vec2(0.0);
 #if ZIPMAP_LEVELS > 1 || ZIPMAP_PROBES
@@ -151,10 +151,10 @@ vec4 zipmap_sample(int texture, vec2 st, vec2 dstdx, vec2 dstdy, out float lod, 
         bool isRoot = left <= 0;
         vec2 wrapped = vec2(zipmap_wrap(texel.x, size.x, wrap.x), zipmap_wrap(texel.y, size.y, wrap.y));
         vec2 place = isRoot ? wrapped : texel;
-        int finest = packed & 15;
-        int coarsest = (packed >> 4) & 15;
-        int pageClass = packed >> 8;
-        float opacity = 2.0 * (rowW.w - float(packed));
+        int finest = codes & 15;
+        int coarsest = (codes >> 4) & 15;
+        int pageClass = codes >> 8;
+        float opacity = 2.0 * (rowW.w - float(codes));
 #if ZIPMAP_LEVELS == 1 && !ZIPMAP_PROBES
         vec4 sampled = zipmap_texel(place, size, zipmap_fetch(record + 4), pageClass);
         float level = 0.0;
@@ -195,7 +195,7 @@ vec4 zipmap_sample(int texture, vec2 st, vec2 dstdx, vec2 dstdy, out float lod, 
     } while (left > 0 && clear > ZIPMAP_OPAQUE);
     lod = topLod;
     patchIndex = zipmap_fetch(top + 3).x;
-    float alpha = color.a * zipmapScale[texture].a + zipmapBias[texture].a;
+    float alpha = color.a * zipmapScale[slot].a + zipmapBias[slot].a;
     float ratio = color.a > 0.0 ? alpha / color.a : 0.0;
-    return vec4((color.rgb * zipmapScale[texture].rgb + color.a * zipmapBias[texture].rgb) * ratio, alpha);
+    return vec4((color.rgb * zipmapScale[slot].rgb + color.a * zipmapBias[slot].rgb) * ratio, alpha);
 }

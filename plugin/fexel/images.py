@@ -21,7 +21,17 @@ from numpy.typing import NDArray
 
 from fexel.errors import FexelError
 
-__all__ = ["ImageInfo", "image_info", "linear_to_srgb", "read_linear", "read_mask", "read_pixels", "srgb_to_linear", "to_linear", "write_pyramid"]
+__all__ = [
+    "ImageInfo",
+    "image_info",
+    "linear_to_srgb",
+    "read_linear",
+    "read_mask",
+    "read_pixels",
+    "srgb_to_linear",
+    "to_linear",
+    "write_pyramid",
+]
 
 _LARGEST_HALF = 65504.0
 _UNASSOCIATED = "oiio:UnassociatedAlpha"
@@ -186,7 +196,17 @@ def _read_tiles(handle: oiio.ImageInput, level: int, window: tuple[int, int, int
     right = min(spec.width, -(-x1 // spec.tile_width) * spec.tile_width)
     bottom = min(spec.height, -(-y1 // spec.tile_height) * spec.tile_height)
     tiles = handle.read_tiles(
-        0, level, spec.x + left, spec.x + right, spec.y + top, spec.y + bottom, spec.z, spec.z + 1, 0, spec.nchannels, _oiio_type(dtype)
+        0,
+        level,
+        spec.x + left,
+        spec.x + right,
+        spec.y + top,
+        spec.y + bottom,
+        spec.z,
+        spec.z + 1,
+        0,
+        spec.nchannels,
+        _oiio_type(dtype),
     )
     if tiles is None:
         return None
@@ -207,7 +227,9 @@ def linear_to_srgb(linear: NDArray[np.floating]) -> NDArray[np.float32]:
     linear = np.asarray(linear, np.float32)
     magnitude = np.abs(linear)
     # 1e-12 keeps the power of an exact zero out of the branch that np.where discards.
-    encoded = np.where(magnitude <= 0.0031308, magnitude * 12.92, 1.055 * np.maximum(magnitude, 1e-12) ** (1 / 2.4) - 0.055)
+    encoded = np.where(
+        magnitude <= 0.0031308, magnitude * 12.92, 1.055 * np.maximum(magnitude, 1e-12) ** (1 / 2.4) - 0.055
+    )
     return np.copysign(encoded, linear).astype(np.float32)
 
 
@@ -246,7 +268,9 @@ def to_linear(pixels: NDArray, info: ImageInfo, color_space: str = "auto") -> ND
     elif srgb:
         colour = _as_float(stored)
         if associated:
-            colour = colour / np.maximum(alpha, 1e-6)  # 1e-6 guards transparent texels, whose colour is then multiplied away
+            colour = colour / np.maximum(
+                alpha, 1e-6
+            )  # 1e-6 guards transparent texels, whose colour is then multiplied away
         rgba[..., :3] = srgb_to_linear(colour)
     else:
         rgba[..., :3] = _as_float(stored)
@@ -259,7 +283,9 @@ def _as_float(values: NDArray) -> NDArray[np.float32]:
     """Integers to [0, 1]; floats cleaned of NaN and infinities."""
     if values.dtype.kind == "u":
         return values.astype(np.float32) / np.float32(np.iinfo(values.dtype).max)
-    return np.nan_to_num(values.astype(np.float32), nan=0.0, posinf=_LARGEST_HALF, neginf=-_LARGEST_HALF).clip(-_LARGEST_HALF, _LARGEST_HALF)
+    return np.nan_to_num(values.astype(np.float32), nan=0.0, posinf=_LARGEST_HALF, neginf=-_LARGEST_HALF).clip(
+        -_LARGEST_HALF, _LARGEST_HALF
+    )
 
 
 def read_linear(path: str, color_space: str = "auto") -> NDArray[np.float32]:
@@ -296,7 +322,9 @@ def read_mask(path: str, size: tuple[int, int]) -> NDArray[np.float32]:
     return resized.get_pixels(oiio.FLOAT)[..., 0].clip(0.0, 1.0)
 
 
-def write_pyramid(path: str, levels: Iterable[NDArray], dtype: str = "uint8", color_space: str = "sRGB", tile: int = 64) -> None:
+def write_pyramid(
+    path: str, levels: Iterable[NDArray], dtype: str = "uint8", color_space: str = "sRGB", tile: int = 64
+) -> None:
     """Write a tiled, mip-mapped TIFF or EXR that `read_pixels` loads in part; written beside, then renamed.
 
     Parameters
@@ -328,7 +356,9 @@ def write_pyramid(path: str, levels: Iterable[NDArray], dtype: str = "uint8", co
             spec = oiio.ImageSpec(width, height, channels, _oiio_type(dtype))
             spec.tile_width = spec.tile_height = tile
             spec.attribute("compression", "zip")
-            spec.attribute("textureformat", "Plain Texture")  # by this a TIFF's further images are known as its mip levels
+            spec.attribute(
+                "textureformat", "Plain Texture"
+            )  # by this a TIFF's further images are known as its mip levels
             spec.attribute("oiio:ColorSpace", "srgb_rec709_scene" if color_space == "sRGB" else "lin_rec709_scene")
             if not exr and channels == 4:
                 spec.alpha_channel = 3

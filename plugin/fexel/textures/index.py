@@ -137,7 +137,9 @@ def _refine(
         pair_cells.append(cell[listed] + total)
         pair_layers.append(layer[listed])
         for store, values in zip(
-            (lows, highs, finests, coarsests, visibles, firsts), (low, high, finest, coarsest, visible, first), strict=True
+            (lows, highs, finests, coarsests, visibles, firsts),
+            (low, high, finest, coarsest, visible, first),
+            strict=True,
         ):
             store.append(values)
         total += count
@@ -148,8 +150,18 @@ def _refine(
     order = np.lexsort((-layers, cells))
     join = np.concatenate
     return Tree(
-        origin, cell_size, shape, join(firsts), _CHILDREN, join(lows), join(highs), join(finests), join(coarsests),
-        join(visibles), cells[order], layers[order],
+        origin,
+        cell_size,
+        shape,
+        join(firsts),
+        _CHILDREN,
+        join(lows),
+        join(highs),
+        join(finests),
+        join(coarsests),
+        join(visibles),
+        cells[order],
+        layers[order],
     )
 
 
@@ -173,9 +185,7 @@ def _boxes_in_grid(
     return row * shape[0] + column, box
 
 
-def _visible_part(
-    grid: _Grid, pieces: LocalPieces
-) -> tuple[NDArray, NDArray, NDArray, NDArray, NDArray]:
+def _visible_part(grid: _Grid, pieces: LocalPieces) -> tuple[NDArray, NDArray, NDArray, NDArray, NDArray]:
     """Per cell: visible?, bounds of what is visible, Jacobians of the smallest and the largest footprint."""
     count = len(grid.low)
     cell, piece = grid.piece
@@ -193,8 +203,12 @@ def _visible_part(
         high[at] = np.minimum(high[at], np.maximum.reduceat(pieces.high[piece], starts))
         norm = np.linalg.norm(pieces.jacobian, axis=(2, 3))
         small, large = norm.argmin(axis=1), norm.argmax(axis=1)
-        finest[at] = _extreme(norm.min(axis=1)[piece], cell, starts, pieces.jacobian[np.arange(len(small)), small], piece, 1)
-        coarsest[at] = _extreme(norm.max(axis=1)[piece], cell, starts, pieces.jacobian[np.arange(len(large)), large], piece, -1)
+        finest[at] = _extreme(
+            norm.min(axis=1)[piece], cell, starts, pieces.jacobian[np.arange(len(small)), small], piece, 1
+        )
+        coarsest[at] = _extreme(
+            norm.max(axis=1)[piece], cell, starts, pieces.jacobian[np.arange(len(large)), large], piece, -1
+        )
     return visible, np.minimum(low, high), np.maximum(low, high), finest, coarsest
 
 

@@ -86,7 +86,7 @@ def view_pairs(
     front = w > 0
     safe_w = np.where(front, w, 1.0)
     uv = mapped[..., :2] / safe_w[..., None]
-    jacobian = (np.swapaxes(matrix[:, None, :2, :2], -1, -2) - uv[..., :, None] * matrix[:, None, None, :2, 2])
+    jacobian = np.swapaxes(matrix[:, None, :2, :2], -1, -2) - uv[..., :, None] * matrix[:, None, None, :2, 2]
     jacobian = jacobian * (sizes[layer][:, None, :] / safe_w[..., None])[..., None]
     fine, fine_probes = _lod(jacobian @ tree.finest[cell][:, None], anisotropy)
     coarse, coarse_probes = _lod(jacobian @ tree.coarsest[cell][:, None], anisotropy)

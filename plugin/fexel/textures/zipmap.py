@@ -164,7 +164,9 @@ def _layers(root: Usd.Prim, time: Usd.TimeCode) -> Iterator[_Layer]:
     while stack:
         prim, parent, depth = stack.pop()
         inputs = _Inputs(prim, time)
-        yield _Layer(prim, parent, depth, inputs.matrix(), inputs.opacity() if depth else 1.0, _source(inputs, depth == 0))
+        yield _Layer(
+            prim, parent, depth, inputs.matrix(), inputs.opacity() if depth else 1.0, _source(inputs, depth == 0)
+        )
         if is_texture.holds_patches(prim):
             children = prim.GetFilteredChildren(Usd.TraverseInstanceProxies(Usd.PrimDefaultPredicate))
             stack.extend((child, number, depth + 1) for child in reversed(list(children)) if is_texture(child))
@@ -184,7 +186,11 @@ def _compose(layers: list[_Layer]) -> tuple[NDArray[np.float64], NDArray[np.bool
                 matrices[at] = matrices[parents[at]] @ matrices[at]
         usable = homography.is_usable(matrices[at])
         for number in at[~usable & (shown[parents[at]] if depth else True)]:
-            _warn(layers[number].prim, "inputs:matrix", "is singular, not finite, or maps infinity into the texture; not shown")
+            _warn(
+                layers[number].prim,
+                "inputs:matrix",
+                "is singular, not finite, or maps infinity into the texture; not shown",
+            )
         shown[at] = usable & shown[parents[at]] if depth else True
         matrices[at[~usable]] = np.eye(3)
         matrices[at] = homography.normalize(matrices[at])
@@ -259,7 +265,9 @@ class _Inputs:
         value = self.value(name)
         if value is None or value in allowed:
             return default if value is None else str(value)
-        _warn(self.prim, f"inputs:{name}", f"is {str(value)!r}, expected one of {', '.join(allowed)}; {default} is used")
+        _warn(
+            self.prim, f"inputs:{name}", f"is {str(value)!r}, expected one of {', '.join(allowed)}; {default} is used"
+        )
         return default
 
 

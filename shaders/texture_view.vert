@@ -1,0 +1,11 @@
+// A surface given in clip space with its local texture coordinates; nothing is transformed.
+in vec4 in_position;
+in vec2 in_st;
+
+out vec2 st;
+
+void main()
+{
+    st = in_st;
+    gl_Position = in_position;
+}
