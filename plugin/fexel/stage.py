@@ -34,7 +34,7 @@ def open_stage(path: str | os.PathLike[str], session_layer: str | os.PathLike[st
     try:
         return Usd.Stage.Open(root, session) if session else Usd.Stage.Open(root)
     except Tf.ErrorException as error:
-        raise FexelError(f"{path}: {_one_line(error)}") from None
+        raise FexelError(f"{path}: {_one_line(error, path)}") from None
 
 
 def _open_layer(path: str | os.PathLike[str]) -> Sdf.Layer:
@@ -48,7 +48,7 @@ def _open_layer(path: str | os.PathLike[str]) -> Sdf.Layer:
     try:
         layer = Sdf.Layer.FindOrOpen(os.fspath(path))
     except Tf.ErrorException as error:
-        raise FexelError(f"{path}: {_one_line(error)}") from None
+        raise FexelError(f"{path}: {_one_line(error, path)}") from None
     finally:
         diagnostics.TakeUncoalescedDiagnostics()
     if layer is None:
@@ -56,7 +56,7 @@ def _open_layer(path: str | os.PathLike[str]) -> Sdf.Layer:
     return layer
 
 
-def _one_line(error: Tf.ErrorException) -> str:
+def _one_line(error: Tf.ErrorException, path: str | os.PathLike[str]) -> str:
     """What USD says, without the place in its own sources."""
     reasons = [" ".join(part.commentary.split()) for part in error.args if hasattr(part, "commentary")]
-    return "; ".join(reasons) or " ".join(str(error).split())
+    return ("; ".join(reasons) or " ".join(str(error).split())).removeprefix(f"{path}:").strip()

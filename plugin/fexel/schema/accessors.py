@@ -53,8 +53,9 @@ class FexelTextureAccessors(Wrapper):
         """Places this texture in its parent: a homography from parent coordinates to this texture's own, [s t 1] * M
         and then divided by w.
 
-        Rotates, scales, shears and tilts it; points with w <= 0 are transparent. On a texture that is not nested it
-        maps inputs:st. Default: identity, the texture covers its parent exactly. Range: finite, determinant not 0.
+        Rotates, scales, shears and tilts it. Only the ratio of the nine numbers matters; with w positive at the
+        texture's centre, points with w <= 0 lie behind infinity and are transparent. On a texture that is not nested
+        it maps inputs:st. Default: identity, the texture covers its parent exactly. Range: finite, determinant not 0.
         Units: dimensionless, parent st to own st.
         """
         return self._get_attribute("inputs:matrix")

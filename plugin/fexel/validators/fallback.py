@@ -23,7 +23,8 @@ def check_fallback(prim: Usd.Prim) -> Iterator[Fault]:
     if is_a(prim.GetParent(), "ZipmapTexture"):
         return
     graph = UsdShade.NodeGraph(prim)
-    connected = [output for name in _OUTPUTS if (output := graph.GetOutput(name)) and output.HasConnectedSource()]
+    outputs = [graph.GetOutput(name) for name in _OUTPUTS]
+    connected = [output for output in outputs if output and output.GetAttr().HasAuthoredConnections()]
     if not connected:
         message = "no output is connected to a UsdUVTexture inside; applications without fexel will show nothing"
         yield Fault(prim.GetPath(), message, is_error=False)

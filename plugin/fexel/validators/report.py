@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from typing import Literal
 
 from pxr import Usd, UsdUtils, UsdValidation
 
+from fexel.stage import open_stage
 from fexel.validators.registration import register_validators
 
-__all__ = ["Finding", "validate"]
+__all__ = ["Finding", "validate", "validate_file"]
 
 _SEVERITIES = {"Error": "error", "Warn": "warning", "Info": "info"}
 
@@ -62,6 +64,20 @@ def validate(stage: Usd.Stage) -> list[Finding]:
     errors = UsdValidation.ValidationContext(validators).Validate(stage)
     diagnostics.TakeUncoalescedDiagnostics()
     return sorted({finding for error in errors if (finding := _finding(error))})
+
+
+def validate_file(path: str | os.PathLike[str]) -> list[Finding]:
+    """Open a stage and `validate` it; what USD would print while it opens is among the findings.
+
+    Raises
+    ------
+    FexelError
+        The stage cannot be opened.
+    """
+    diagnostics = UsdUtils.CoalescingDiagnosticDelegate()
+    stage = open_stage(path)
+    diagnostics.TakeUncoalescedDiagnostics()
+    return validate(stage)
 
 
 def _finding(error: UsdValidation.ValidationError) -> Finding | None:

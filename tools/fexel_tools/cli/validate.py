@@ -24,10 +24,9 @@ def _validate(
     Prints one line per finding, severity: prim: message (validator), errors first. Exit status 1 when there are errors
     or the stage cannot be opened, else 0.
     """
-    from fexel.stage import open_stage
-    from fexel.validators import validate
+    from fexel.validators import validate_file
 
-    findings = validate(open_stage(stage))
+    findings = validate_file(stage)
     for finding in findings:
         typer.echo(str(finding))
     errors = sum(finding.severity == "error" for finding in findings)
