@@ -37,6 +37,7 @@ _MIN_SHARE = 0.02  # of a photo's pixels; a sliver is not worth a patch either
 _MIN_PATCH_PX = 16
 _MARGIN = 0.12  # of the part that is new, on each side, for the blend
 _INSIDE = 0.98  # a patch this much inside another may hang under it
+_LONG_PX = 1500  # beyond, a few rows are given up for a size that the Poisson solver is fast at
 _GRID = 64
 
 
@@ -296,5 +297,5 @@ def _crop_axis(start: int, stop: int, new: np.ndarray) -> tuple[int, int]:
     margin = _MARGIN * (last - first)
     low = start + int(np.floor(max(0.0, first - margin)))
     high = start + int(np.ceil(min(float(stop - start), last + margin)))
-    spare = (high - low) - good_size(high - low)
+    spare = (high - low) - good_size(high - low) if high - low > _LONG_PX else 0
     return low + spare // 2, high - (spare - spare // 2)

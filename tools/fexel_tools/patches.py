@@ -36,6 +36,7 @@ from fexel_tools.texture_files import write_texture
 __all__ = ["PatchJob", "write_textures"]
 
 _MATCH_SIDE_PX = 384  # exposure and white balance are found on a reduced picture of this size
+_MASK_PIXELS = 1_500_000  # a larger patch gets its mask from a reduced picture: the ramp is a sixteenth of its side
 _MANY_PIXELS = 16_000_000  # two patches at a time only below this, for memory
 
 
@@ -148,7 +149,7 @@ def _write_patch(job: PatchJob, below: Composite) -> None:
         rgb = _meet_below(job, below, rgb)
     alpha = hand_made
     if job.blend:
-        alpha = blend_mask(_encoded(rgb), tau=job.tau).alpha
+        alpha = _blend_alpha(rgb, job.tau)
         alpha = alpha if hand_made is None else alpha * hand_made
     write_texture(job.file, rgb, alpha, bits=job.bits, color_space=job.color_space)
 
@@ -171,10 +172,18 @@ def _meet_below(job: PatchJob, below: Composite, rgb: np.ndarray) -> np.ndarray:
     return np.maximum(solved, np.float32(0.0), out=solved)  # the equation has no bounds, light has
 
 
-def _encoded(rgb: np.ndarray) -> np.ndarray:
-    """sRGB-encoded 8-bit, in strips to spare memory; highlights over 1 clip."""
-    encoded = np.empty(rgb.shape, np.uint8)
-    for start in range(0, rgb.shape[0], 256):
-        part = linear_to_srgb(np.clip(rgb[start : start + 256], 0.0, 1.0))
-        encoded[start : start + 256] = np.rint(part * 255.0)
-    return encoded
+def _blend_alpha(rgb: np.ndarray, tau: float | None) -> np.ndarray:
+    """(H, W) float32 blend mask, eqs. (2) and (3), of the sRGB-encoded patch.
+
+    Of a large patch the picture is reduced first and alpha enlarged. A path's cost, summed differences of neighbours,
+    hardly changes with that, except for noise that averages out; the transition is hundreds of pixels wide.
+    """
+    height, width = rgb.shape[:2]
+    reduced = rgb
+    if height * width > _MASK_PIXELS:
+        ratio = (_MASK_PIXELS / (height * width)) ** 0.5
+        reduced = cv2.resize(rgb, (round(width * ratio), round(height * ratio)), interpolation=cv2.INTER_AREA)
+    alpha = blend_mask(linear_to_srgb(np.clip(reduced, 0.0, 1.0)), tau=tau).alpha
+    if reduced is not rgb:
+        alpha = cv2.resize(alpha, (width, height), interpolation=cv2.INTER_LINEAR)
+    return alpha

@@ -17,6 +17,7 @@ from pxr import Sdf, Usd, UsdGeom
 import fexel
 from fexel.errors import FexelError
 from fexel.stage import open_stage
+from fexel_tools.inspect import zipmap_roots
 from fexel_tools.patches import PatchJob, write_textures
 from fexel_tools.photos import Photo, probe_photo
 from fexel_tools.progress import Progress, silent
@@ -24,7 +25,7 @@ from fexel_tools.staged_output import StagedOutput, staged_output
 from fexel_tools.zipmap import ZipmapOptions, prim_names
 from fexel_tools.zipmap_stage import st_from_pixels
 
-__all__ = ["complete_stage", "zipmap_roots"]
+__all__ = ["complete_stage"]
 
 _METADATA = (
     "defaultPrim", "upAxis", "metersPerUnit", "kilogramsPerUnit", "timeCodesPerSecond", "framesPerSecond",
@@ -37,18 +38,6 @@ class _PlacedPatch:
     prim: Usd.Prim
     photo: Photo
     job: PatchJob
-
-
-def zipmap_roots(stage: Usd.Stage) -> list[fexel.ZipmapTexture]:
-    """The ZipmapTextures of a stage that are not patches of another texture, in stage order."""
-    roots = []
-    prims = iter(Usd.PrimRange.Stage(stage, Usd.TraverseInstanceProxies(Usd.PrimDefaultPredicate)))
-    for prim in prims:
-        texture = fexel.ZipmapTexture(prim)
-        if texture:
-            roots.append(texture)
-            prims.PruneChildren()
-    return roots
 
 
 def complete_stage(

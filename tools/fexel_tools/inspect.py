@@ -1,0 +1,226 @@
+"""What a stage's textures hold: patches, nesting, sizes, resolution gained, bytes. The work behind ``fexel info``.
+
+Resolution gained is the number of a patch's texels per texel of the root at the patch's centre, along an axis
+(geometric mean of both). Bytes on disk count each file once. Bytes resident are those of all mip levels of all
+textures at full resolution in the renderer's formats, each file once: the most that a frame can ever need, not what
+one does.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from pxr import Usd, UsdShade
+
+import fexel
+from fexel import homography
+from fexel.errors import FexelError
+from fexel.images import ImageInfo, image_info
+from fexel.stage import open_stage
+
+__all__ = ["PatchInfo", "TextureInfo", "inspect_stage", "zipmap_roots"]
+
+
+@dataclass(frozen=True)
+class PatchInfo:
+    """One texture of a nest.
+
+    Attributes
+    ----------
+    path : str
+        Prim path.
+    type : str
+        Schema name.
+    depth : int
+        0 for the root.
+    file : str
+        As authored.
+    width, height : int or None
+        Texels; None when the file cannot be read.
+    gain : float or None
+        Texels per root texel along an axis; 1 for the root.
+    opacity : float
+    bytes_on_disk, bytes_resident : int
+        Of the file and of the mask, whether or not another patch has the same.
+    problem : str
+        What is wrong with the file, or ''.
+    """
+
+    path: str
+    type: str
+    depth: int
+    file: str
+    width: int | None
+    height: int | None
+    gain: float | None
+    opacity: float
+    bytes_on_disk: int
+    bytes_resident: int
+    problem: str = ""
+
+
+@dataclass(frozen=True)
+class TextureInfo:
+    """A root texture with its patches.
+
+    Attributes
+    ----------
+    path : str
+    patches : tuple of PatchInfo
+        The root first, in draw order.
+    depth : int
+        Deepest nesting level.
+    largest_gain : float
+    bytes_on_disk, bytes_resident : int
+        Each file counted once.
+    fallback : str
+        File that other applications show, or ''.
+    fallback_size : (int, int) or None
+    """
+
+    path: str
+    patches: tuple[PatchInfo, ...]
+    depth: int
+    largest_gain: float
+    bytes_on_disk: int
+    bytes_resident: int
+    fallback: str = ""
+    fallback_size: tuple[int, int] | None = None
+
+
+@dataclass(frozen=True)
+class _File:
+    info: ImageInfo | None
+    disk: int
+    resident: int
+    problem: str
+
+
+def inspect_stage(stage: str | Path | Usd.Stage) -> tuple[TextureInfo, ...]:
+    """Describe every zipmap of a stage that is not a patch of another.
+
+    Parameters
+    ----------
+    stage : path or Usd.Stage
+
+    Raises
+    ------
+    FexelError
+        The stage cannot be opened. A missing or damaged image is not an error but a `PatchInfo.problem`.
+    """
+    opened = stage if isinstance(stage, Usd.Stage) else open_stage(stage)
+    return tuple(_inspect_texture(root) for root in zipmap_roots(opened))
+
+
+def zipmap_roots(stage: Usd.Stage) -> list[fexel.ZipmapTexture]:
+    """The ZipmapTextures of a stage that are not patches of another texture, in stage order."""
+    roots = []
+    prims = iter(Usd.PrimRange.Stage(stage, Usd.TraverseInstanceProxies(Usd.PrimDefaultPredicate)))
+    for prim in prims:
+        texture = fexel.ZipmapTexture(prim)
+        if texture:
+            roots.append(texture)
+            prims.PruneChildren()
+    return roots
+
+
+def _inspect_texture(root: fexel.ZipmapTexture) -> TextureInfo:
+    files: dict[str, _File] = {}
+    patches = root.GetPatches()
+    entries: list[PatchInfo] = []
+    for patch in patches:
+        entries.append(_inspect_patch(patch, entries, files))
+    fallback, fallback_size = _fallback(root)
+    return TextureInfo(
+        path=str(root.GetPath()),
+        patches=tuple(entries),
+        depth=max((p.depth for p in entries), default=0),
+        largest_gain=max((p.gain for p in entries if p.gain is not None), default=1.0),
+        bytes_on_disk=sum(f.disk for f in files.values()),
+        bytes_resident=sum(f.resident for f in files.values()),
+        fallback=fallback,
+        fallback_size=fallback_size,
+    )
+
+
+def _inspect_patch(patch: fexel.Patch, before: list[PatchInfo], files: dict[str, _File]) -> PatchInfo:
+    authored, file = _file(patch.prim, "inputs:file", files)
+    mask_name, mask = _file(patch.prim, "inputs:mask", files)
+    size = (file.info.width, file.info.height) if file.info else (None, None)
+    problem = file.problem or (f"mask {mask_name}: {mask.problem}" if mask_name and mask.problem else "")
+    return PatchInfo(
+        path=str(patch.path),
+        type=str(patch.prim.GetTypeName()),
+        depth=patch.depth,
+        file=authored,
+        width=size[0],
+        height=size[1],
+        gain=_gain(patch, size, before),
+        opacity=patch.opacity,
+        bytes_on_disk=file.disk + mask.disk,
+        bytes_resident=file.resident + mask.resident,
+        problem=problem,
+    )
+
+
+def _gain(patch: fexel.Patch, size: tuple[int | None, int | None], before: list[PatchInfo]) -> float | None:
+    if not before:
+        return 1.0
+    root = before[0]
+    if size[0] is None or root.width is None or not homography.is_usable(patch.root_to_patch):
+        return None
+    centre = homography.apply(np.linalg.inv(patch.root_to_patch), np.array([[0.5, 0.5]]))
+    jacobian = homography.jacobian(homography.normalize(patch.root_to_patch), centre)[0]
+    area = abs(np.linalg.det(jacobian)) * size[0] * size[1] / (root.width * root.height)
+    return float(np.sqrt(area)) if np.isfinite(area) else None
+
+
+def _file(prim: Usd.Prim, name: str, files: dict[str, _File]) -> tuple[str, _File]:
+    value = prim.GetAttribute(name).Get() if prim.HasAttribute(name) else None
+    if value is None or not value.path:
+        return "", _File(None, 0, 0, "")
+    key = value.resolvedPath or value.path
+    if key not in files:
+        files[key] = _read(value.resolvedPath)
+    return value.path, files[key]
+
+
+def _read(resolved: str) -> _File:
+    if not resolved:
+        return _File(None, 0, 0, "missing")
+    try:
+        info = image_info(resolved)
+        disk = Path(resolved).stat().st_size
+    except FexelError as error:
+        return _File(None, 0, 0, str(error).removeprefix(f"{resolved}: "))
+    except OSError:  # inside a package: the size of the file alone cannot be told
+        disk = 0
+    return _File(info, disk, _resident_bytes(info), "")
+
+
+def _resident_bytes(info: ImageInfo) -> int:
+    """All mip levels, RGBA: 8 bits per channel for 8-bit files, 16 for the others."""
+    texels, width, height = 0, info.width, info.height
+    while True:
+        texels += width * height
+        if width == height == 1:
+            return texels * (4 if info.dtype == "uint8" else 8)
+        width, height = max(1, width // 2), max(1, height // 2)
+
+
+def _fallback(root: fexel.ZipmapTexture) -> tuple[str, tuple[int, int] | None]:
+    output = root.GetOutput("rgb")
+    source = output.GetConnectedSources()[0] if output else []
+    shader = UsdShade.Shader(source[0].source.GetPrim()) if source else None
+    if not shader or not shader.GetInput("file"):
+        return "", None
+    value = shader.GetInput("file").Get()
+    if value is None or not value.path:
+        return "", None
+    try:
+        info = image_info(value.resolvedPath or value.path)
+    except FexelError:
+        return value.path, None
+    return value.path, (info.width, info.height)
