@@ -160,10 +160,11 @@ def add_glaze(stage: Usd.Stage, path: str) -> UsdShade.Material:
 def add_lights(stage: Usd.Stage) -> None:
     """A pale dome and a key light from the upper left."""
     dome = UsdLux.DomeLight.Define(stage, "/World/Lights/Sky")
-    dome.CreateIntensityAttr(0.7)
+    dome.CreateIntensityAttr(0.45)
     key = UsdLux.DistantLight.Define(stage, "/World/Lights/Key")
-    key.CreateIntensityAttr(1.2)
+    key.CreateIntensityAttr(2.5)
     key.CreateAngleAttr(2.0)
+    key.CreateNormalizeAttr(True)  # intensity is then the irradiance
     UsdGeom.Xformable(key).AddRotateXYZOp().Set((-35, -30, 0))
 
 
@@ -185,17 +186,17 @@ def main(photo: Path) -> None:
         path, "Newell's teapot, printed with a zipmap of four patches, as in figure 4 of the paper."
     )
     stage_parts.add_scopes(stage)
-    printed, zipmap = stage_parts.add_zipmap_material(stage, "/World/Materials/Dandelions", roughness=0.3, ior=1.5)
+    printed, zipmap = stage_parts.add_zipmap_material(stage, "/World/Materials/Dandelions", roughness=0.4, ior=1.4)
     add_patches(stage, zipmap, read_photo(photo))
     write_mesh(FOLDER / "teapot.usdc")
     add_teapot(stage, printed, add_glaze(stage, "/World/Materials/Glaze"))
     add_lights(stage)
     add_camera(stage, "Overview", (-1.6, 3.2, 9.0), (0.1, 1.35, 0.0), 28.0)
     add_camera(stage, "Head", (-1.6, 2.0, 4.2), (-0.85, 1.35, 1.7), 40.0)
-    add_camera(stage, "Detail", (-1.35, 1.5, 2.9), (-1.0, 1.35, 1.7), 60.0)
+    add_camera(stage, "Detail", (-1.55, 1.65, 2.9), (-1.13, 1.46, 1.6), 60.0)
     stage_parts.save(stage, path)
     opened = Usd.Stage.Open(str(path))
-    fallback.write_fallback(opened.GetPrimAtPath(zipmap.GetPath()), FOLDER / "textures" / "fallback.png", size=1024)
+    fallback.write_fallback(opened.GetPrimAtPath(zipmap.GetPath()), FOLDER / "textures" / "fallback.jpg", size=1024)
     opened.Save()
 
 
