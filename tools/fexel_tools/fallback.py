@@ -1,0 +1,216 @@
+"""What applications without fexel show of a texture: one baked image, and the standard network that reads it.
+
+Inside the texture prim, self-contained (names and values are literal, as importers do not follow interface inputs):
+
+::
+
+    Texture                      FexelTexture prim
+      Fallback                   Shader UsdUVTexture: inputs:file = the baked image, wrapS and wrapT of the prim,
+                                 sourceColorSpace sRGB or raw, inputs:scale and bias where all layers share them,
+                                 inputs:st <- FallbackSt.outputs:result
+      FallbackSt                 Shader UsdPrimvarReader_float2: inputs:varname = "st" (string)
+      outputs:rgb, r, g, b, a    <- the outputs of Fallback
+
+The image is the unit square of ``inputs:st``: eq. (1) baked in linear light with area filtering (`baking`), as fine as
+the finest layer but never larger than `size`. Its colour space is the root's: an sRGB root gives an 8-bit sRGB file, a
+raw integer root a 16-bit PNG of raw values, a floating-point root a half-float EXR.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import OpenImageIO as oiio
+from pxr import Gf, Sdf, Usd, UsdShade
+
+from fexel.errors import FexelError
+from fexel.images import linear_to_srgb
+from fexel.textures import extract_texture
+from fexel.textures.pyramid_cache import PyramidCache
+from fexel.textures.zipmap import ZipmapData
+from fexel_tools.baking import bake_zipmap, baked_size
+
+__all__ = ["FALLBACK_NAME", "READER_NAME", "author", "bake", "write_fallback"]
+
+FALLBACK_NAME = "Fallback"
+READER_NAME = "FallbackSt"
+_EIGHT_BIT = (".png", ".jpg", ".jpeg")
+_OUTPUTS = {
+    "rgb": Sdf.ValueTypeNames.Float3,
+    "r": Sdf.ValueTypeNames.Float,
+    "g": Sdf.ValueTypeNames.Float,
+    "b": Sdf.ValueTypeNames.Float,
+    "a": Sdf.ValueTypeNames.Float,
+}
+
+
+def bake(texture_prim: Usd.Prim, size: int = 2048, time: Usd.TimeCode | float | None = None) -> np.ndarray:
+    """Bake a texture into one image.
+
+    Parameters
+    ----------
+    texture_prim : Usd.Prim
+        A ZipmapTexture with its patches, or a UsdUVTexture shader.
+    size : int
+        Most pixels on the longer side.
+    time : Usd.TimeCode or float, optional
+        Default: the default time.
+
+    Returns
+    -------
+    (H, W, 4) float32
+        Linear, premultiplied; before ``inputs:scale`` and ``bias`` when all layers share them.
+
+    Raises
+    ------
+    FexelError
+        A prim that no texture kind reads, or a size below 1.
+    """
+    data, cache, (width, height) = _prepare(texture_prim, size, time)
+    return bake_zipmap(data, width, height, cache)
+
+
+def write_fallback(
+    texture_prim: Usd.Prim, image_path: str | Path, size: int = 2048, time: Usd.TimeCode | float | None = None
+) -> Path:
+    """Bake a texture, write the image and author the network that shows it. The stage is not saved.
+
+    Parameters
+    ----------
+    texture_prim : Usd.Prim
+    image_path : str or Path
+        ``.png``, ``.jpg`` or ``.jpeg``. A raw root gets ``.png`` and a floating-point root ``.exr`` instead.
+    size, time
+        As for `bake`.
+
+    Returns
+    -------
+    Path
+        The file written.
+
+    Raises
+    ------
+    FexelError
+        As `bake`; or the file cannot be written.
+    """
+    path = Path(image_path)
+    if path.suffix.lower() not in _EIGHT_BIT:
+        raise FexelError(f"{path}: expected a file name ending in {', '.join(_EIGHT_BIT)}")
+    data, cache, (width, height) = _prepare(texture_prim, size, time)
+    color_space, dtype = _storage(data, cache)
+    if dtype == "half":
+        path = path.with_suffix(".exr")
+    elif color_space == "raw":
+        path = path.with_suffix(".png")
+    _write(path, bake_zipmap(data, width, height, cache), color_space, dtype)
+    author(texture_prim, path, color_space=color_space, scale=data.scale, bias=data.bias)
+    return path
+
+
+def author(
+    texture_prim: Usd.Prim,
+    image_path: str | Path,
+    *,
+    color_space: str = "sRGB",
+    scale: tuple[float, ...] = (1.0, 1.0, 1.0, 1.0),
+    bias: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0),
+) -> None:
+    """Author the inner network on the stage's edit target and declare the fallback types of fexel's prims.
+
+    Parameters
+    ----------
+    texture_prim : Usd.Prim
+        A FexelTexture.
+    image_path : str or Path
+        Authored relative to the edit target's layer where that is a file, with a leading ``./``.
+    color_space : str
+        ``sRGB`` or ``raw``: inputs:sourceColorSpace.
+    scale, bias : 4 floats
+        inputs:scale and inputs:bias where they differ from 1 and 0.
+    """
+    stage, base = texture_prim.GetStage(), texture_prim.GetPath()
+    reader = UsdShade.Shader.Define(stage, base.AppendChild(READER_NAME))
+    reader.CreateIdAttr("UsdPrimvarReader_float2")
+    reader.CreateInput("varname", Sdf.ValueTypeNames.String).Set("st")
+    result = reader.CreateOutput("result", Sdf.ValueTypeNames.Float2)
+    texture = UsdShade.Shader.Define(stage, base.AppendChild(FALLBACK_NAME))
+    texture.CreateIdAttr("UsdUVTexture")
+    file = _asset_path(stage.GetEditTarget().GetLayer(), Path(image_path))
+    texture.CreateInput("file", Sdf.ValueTypeNames.Asset).Set(Sdf.AssetPath(file))
+    texture.CreateInput("sourceColorSpace", Sdf.ValueTypeNames.Token).Set(color_space)
+    texture.CreateInput("st", Sdf.ValueTypeNames.Float2).ConnectToSource(result)
+    for name in ("wrapS", "wrapT"):
+        texture.CreateInput(name, Sdf.ValueTypeNames.Token).Set(texture_prim.GetAttribute(f"inputs:{name}").Get())
+    if tuple(scale) != (1.0, 1.0, 1.0, 1.0):
+        texture.CreateInput("scale", Sdf.ValueTypeNames.Float4).Set(Gf.Vec4f(*scale))
+    if tuple(bias) != (0.0, 0.0, 0.0, 0.0):
+        texture.CreateInput("bias", Sdf.ValueTypeNames.Float4).Set(Gf.Vec4f(*bias))
+    graph = UsdShade.NodeGraph(texture_prim)
+    for name, type_name in _OUTPUTS.items():
+        output = graph.GetOutput(name)
+        output = output if output else graph.CreateOutput(name, type_name)
+        output.ConnectToSource(texture.CreateOutput(name, type_name))
+    stage.WriteFallbackPrimTypes()
+
+
+def _prepare(
+    texture_prim: Usd.Prim, size: int, time: Usd.TimeCode | float | None
+) -> tuple[ZipmapData, PyramidCache, tuple[int, int]]:
+    if size < 1:
+        raise FexelError(f"{texture_prim.GetPath()}: fallback size is {size}, expected at least 1 pixel")
+    kind, data = extract_texture(texture_prim, Usd.TimeCode.Default() if time is None else time)
+    if kind != "zipmap":
+        raise FexelError(f"{texture_prim.GetPath()}: cannot bake a texture of kind {kind}, expected zipmap")
+    cache = PyramidCache()
+    return data, cache, baked_size(data, cache, size)
+
+
+def _storage(data: ZipmapData, cache: PyramidCache) -> tuple[str, str]:
+    """Colour space and OpenImageIO type of the baked file, after the root's."""
+    source = data.sources[data.source_index[0]]
+    info = cache.facts(source, data.paths[0]).info
+    if info is None:
+        return "sRGB", "uint8"
+    if info.dtype.startswith("float"):
+        return "raw", "half"
+    space = info.color_space if source.color_space == "auto" else source.color_space
+    return (space, "uint8") if space == "sRGB" else (space, "uint16")
+
+
+def _write(path: Path, rgba: np.ndarray, color_space: str, dtype: str) -> None:
+    """Write beside and rename; alpha is left out where the whole picture is opaque, and in JPEG."""
+    opaque = bool((rgba[:, :, 3] > 1 - 0.5 / 255).all())
+    channels = 3 if opaque or path.suffix.lower() in (".jpg", ".jpeg") else 4
+    pixels = rgba[:, :, :channels].copy()
+    if channels == 4 and dtype != "half":
+        pixels[:, :, :3] /= np.maximum(pixels[:, :, 3:], 1e-6)  # 1e-6 guards transparent pixels, whose colour is 0
+    if dtype == "half":
+        pixels = pixels.astype(np.float16)
+    else:
+        pixels = pixels.clip(0, 1)
+        pixels[:, :, :3] = linear_to_srgb(pixels[:, :, :3]) if color_space == "sRGB" else pixels[:, :, :3]
+        pixels = (pixels * np.iinfo(dtype).max + 0.5).astype(dtype)
+    spec = oiio.ImageSpec(pixels.shape[1], pixels.shape[0], channels, dtype)
+    spec.attribute("oiio:ColorSpace", "srgb_rec709_scene" if color_space == "sRGB" else "lin_rec709_scene")
+    if channels == 4 and dtype != "half":
+        spec.attribute("oiio:UnassociatedAlpha", 1)
+    spec.attribute("CompressionQuality", 95)
+    beside = path.with_name(f"{path.stem}.{os.getpid()}.part{path.suffix}")
+    try:
+        writer = oiio.ImageOutput.create(str(beside))
+        ok = writer is not None and writer.open(str(beside), spec) and writer.write_image(pixels) and writer.close()
+        if not ok:
+            fault = " ".join((writer.geterror() if writer else oiio.geterror()).split())
+            raise FexelError(f"{path}: {fault or 'cannot be written'}")
+        beside.replace(path)
+    finally:
+        beside.unlink(missing_ok=True)
+
+
+def _asset_path(layer: Sdf.Layer, path: Path) -> str:
+    if not layer.realPath:
+        return path.as_posix()
+    relative = os.path.relpath(path.resolve(), Path(layer.realPath).resolve().parent)
+    return f"./{Path(relative).as_posix()}"
