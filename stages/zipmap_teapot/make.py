@@ -120,7 +120,10 @@ def add_patches(stage: Usd.Stage, root: fexel.ZipmapTexture, photo: np.ndarray) 
 
 
 def write_mesh(path: Path) -> None:
-    """Write the mesh alone, with the material subset ``body``, as a binary layer."""
+    """Write the mesh alone, in the material subsets ``body`` and ``rest``, as a binary layer.
+
+    Every face is in a subset: Blender gives faces outside of all subsets the first subset's material.
+    """
     pot = newell.teapot(SEGMENTS)
     stage = stage_parts.new_stage(path, "Newell's teapot, in the public domain; tessellated by newell.py.")
     mesh = UsdGeom.Mesh.Define(stage, "/World/Teapot")
@@ -133,7 +136,10 @@ def write_mesh(path: Path) -> None:
     mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
     mesh.CreateDoubleSidedAttr(True)
     stage_parts.add_st(mesh, pot.st)
-    UsdShade.MaterialBindingAPI.Apply(mesh.GetPrim()).CreateMaterialBindSubset("body", pot.faces["body"].tolist())
+    binding = UsdShade.MaterialBindingAPI.Apply(mesh.GetPrim())
+    rest = np.concatenate([pot.faces[part] for part in newell.PARTS if part != "body"])
+    binding.CreateMaterialBindSubset("body", pot.faces["body"].tolist())
+    binding.CreateMaterialBindSubset("rest", np.sort(rest).tolist())
     stage_parts.save(stage, path)
 
 
@@ -141,9 +147,9 @@ def add_teapot(stage: Usd.Stage, printed: UsdShade.Material, glaze: UsdShade.Mat
     """The mesh by reference: its body carries the print, everything else plain glaze."""
     mesh = stage.DefinePrim("/World/Teapot")
     mesh.GetReferences().AddReference("./teapot.usdc", "/World/Teapot")
-    UsdShade.MaterialBindingAPI.Apply(mesh).Bind(glaze)
-    subset = stage.OverridePrim("/World/Teapot/body")
-    UsdShade.MaterialBindingAPI.Apply(subset).Bind(printed)
+    for name, material in (("body", printed), ("rest", glaze)):
+        subset = stage.OverridePrim(f"/World/Teapot/{name}")
+        UsdShade.MaterialBindingAPI.Apply(subset).Bind(material)
 
 
 def add_glaze(stage: Usd.Stage, path: str) -> UsdShade.Material:
