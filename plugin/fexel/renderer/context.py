@@ -16,7 +16,7 @@ from fexel.errors import FexelError
 if TYPE_CHECKING:
     import moderngl
 
-__all__ = ["NO_OPENGL", "GLContext"]
+__all__ = ["NO_OPENGL", "GLContext", "unbind_framebuffer"]
 
 NO_OPENGL = (
     "no usable OpenGL 3.3 through EGL: {reason}; on Debian and Ubuntu: "
@@ -100,6 +100,19 @@ def _egl_library() -> ctypes.CDLL:
         egl.eglMakeCurrent.argtypes = [ctypes.c_void_p] * 4
         return egl
     raise FexelError(NO_OPENGL.format(reason="libEGL.so.1 was not found"))
+
+
+def unbind_framebuffer(gl: moderngl.Context) -> None:
+    """Bind a framebuffer that stays, before the one in use is released.
+
+    moderngl binds the last framebuffer again after making another; a released one is an OpenGL error then. A headless
+    context has no default framebuffer to fall back on.
+    """
+    if gl.extra is None:
+        gl.extra = {}
+    if "idle" not in gl.extra:
+        gl.extra["idle"] = gl.framebuffer([gl.renderbuffer((1, 1))])
+    gl.extra["idle"].use()
 
 
 _EGL_DRAW, _EGL_READ = 0x3059, 0x305A

@@ -16,6 +16,7 @@ import numpy as np
 
 from fexel.errors import FexelWarning
 from fexel.renderer import environment
+from fexel.renderer.context import unbind_framebuffer
 from fexel.scene.model import Light
 
 if TYPE_CHECKING:
@@ -153,5 +154,6 @@ class DomeTextures:
         vertex_array.render(vertices=3)
         pixels = np.frombuffer(frame.read(components=3, dtype="f4", alignment=1), np.float32)
         target.write(pixels.tobytes(), level=level, alignment=1)
+        unbind_framebuffer(self._gl)
         for resource in (vertex_array, frame, drawn):
             resource.release()

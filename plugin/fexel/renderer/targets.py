@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fexel.renderer.aov import Aov
+from fexel.renderer.context import unbind_framebuffer
 
 if TYPE_CHECKING:
     import moderngl
@@ -97,6 +98,7 @@ class Targets:
 
     def _get(self, key: tuple, make):
         if key not in self._targets:
+            unbind_framebuffer(self._gl)
             while len(self._targets) >= _KEPT:
                 self._targets.pop(next(iter(self._targets))).release()
             self._targets[key] = make()
@@ -105,6 +107,7 @@ class Targets:
 
     def release(self) -> None:
         """Free all."""
+        unbind_framebuffer(self._gl)
         for target in self._targets.values():
             target.release()
         self._targets.clear()
