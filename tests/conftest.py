@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import os
 from pathlib import Path
 
@@ -59,3 +60,32 @@ def gl(_gl_session):
         assert context.error == "GL_NO_ERROR"
         yield context
         assert context.error == "GL_NO_ERROR"
+
+
+def pytest_addoption(parser):
+    parser.addoption("--update-goldens", action="store_true", help="write tests/golden anew; look at every picture")
+
+
+@pytest.fixture
+def golden(request, _gl_session):
+    """Compare a picture with ``tests/golden/<name>.png``: ``golden(name, color, mean=..., off=..., limit=...)``.
+
+    `color` is (H, W, 4) float, linear, premultiplied, as `fexel.render` returns it. `mean` bounds the mean FLIP, `off`
+    the share of pixels whose FLIP exceeds 0.1, `limit` what no pixel may exceed; say at the call why they are as they
+    are. Only the software rasteriser is compared. A failure leaves render, golden and difference in ``out/golden``.
+    """
+    check_golden = _golden_image().check_golden
+    if "llvmpipe" not in _gl_session.description:
+        pytest.skip(f"goldens are pictures of llvmpipe, this is {_gl_session.description}")
+    return lambda name, color, **bounds: check_golden(
+        name, color, request.config.getoption("--update-goldens"), **bounds
+    )
+
+
+def _golden_image():
+    """`golden_image.py` beside this file; tests are imported without their folders on the path."""
+    place = Path(__file__).with_name("golden_image.py")
+    spec = importlib.util.spec_from_file_location("golden_image", place)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module

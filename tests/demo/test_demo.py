@@ -1,0 +1,69 @@
+"""`make demo`: photos to a stage, a zoom with and without patches, a contact sheet, one line."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from pxr import Usd
+
+import fexel
+from fexel_tools import demo
+
+oiio = pytest.importorskip("OpenImageIO")
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory, _gl_session):
+    """One run on the bundled photos: two small frames, the first and the last of the zoom."""
+    output = tmp_path_factory.mktemp("demo") / "out"
+    return demo.make_demo(demo.bundled_photos(), output, frames=2, width=160)
+
+
+def pixels(path):
+    return oiio.ImageBuf(str(path)).get_pixels(oiio.FLOAT)
+
+
+def sharpness(image):
+    return np.abs(np.diff(image, axis=0)).mean() + np.abs(np.diff(image, axis=1)).mean()
+
+
+def test_demo_places_all_three_photos_in_one_nest(finished):
+    stage = Usd.Stage.Open(str(finished.stage))
+    patches = fexel.ZipmapTexture.Get(stage, demo.TEXTURE_PATH).GetPatches()
+    assert [patch.depth for patch in patches] == [0, 1, 2]
+    assert not [finding for finding in fexel.validate(stage) if finding.severity == "error"]
+
+
+def test_patches_show_where_the_zoom_ends_and_hardly_where_it_begins(finished):
+    zipmap, root = ([pixels(path) for path in finished.frames[name]] for name in ("zipmap", "root"))
+    assert np.abs(zipmap[0] - root[0]).mean() < 0.02
+    assert sharpness(zipmap[1]) > 2 * sharpness(root[1])
+
+
+def test_root_alone_is_an_override_that_leaves_the_stage_as_it_is(finished):
+    before = finished.stage.read_bytes()
+    stage = Usd.Stage.Open(str(finished.stage))
+    demo.root_texture_alone(stage)
+    assert len(fexel.ZipmapTexture.Get(stage, demo.TEXTURE_PATH).GetPatches()) == 1
+    assert not stage.GetRootLayer().dirty
+    assert finished.stage.read_bytes() == before
+
+
+def test_contact_sheet_holds_every_frame(finished):
+    sheet = pixels(finished.sheet)
+    height, width, _ = pixels(finished.frames["zipmap"][0]).shape
+    assert sheet.shape[0] > 2 * height and sheet.shape[1] > 2 * width
+
+
+def test_frames_of_the_zoom_run_from_first_to_last():
+    assert demo.zoom_frames(12)[::11] == [1, 48]
+    assert demo.zoom_frames(1) == [1]
+    assert demo.zoom_frames(48) == list(range(1, 49))
+
+
+def test_missing_photo_is_one_line_and_leaves_no_stage(tmp_path, capsys):
+    status = demo.main(["--photos", str(tmp_path / "none.jpg"), "--output", str(tmp_path / "out")])
+    captured = capsys.readouterr()
+    assert status == 1 and captured.out == ""
+    assert captured.err.startswith("fexel: ") and "none.jpg" in captured.err and captured.err.count("\n") == 1
+    assert not list((tmp_path / "out").glob("*.usda"))

@@ -1,0 +1,176 @@
+"""The demonstration: photos to a stage, a zoom into it, and the same zoom with the root texture alone.
+
+`make demo` and ``python -m fexel_tools.demo`` run it on the photos bundled with the checkout. The frames without
+patches are rendered from the same stage: a session layer deactivates the patches (``active = false``).
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from pxr import Usd
+
+import fexel
+from fexel.errors import FexelError
+from fexel.images import linear_to_srgb
+from fexel_tools.contact_sheet import SheetRow, contact_sheet, write_png
+from fexel_tools.zipmap import make_zipmap
+from fexel_tools.zipmap_stage import FRAMES, TEXTURE_PATH
+
+__all__ = ["DemoResult", "bundled_photos", "main", "make_demo", "root_texture_alone", "zoom_frames"]
+
+CAMERA = "/World/Cameras/Zoom"
+_FRAME_COUNT = 12
+_FRAMES_PER_BAND = 6
+_WIDTH = 320
+
+
+@dataclass(frozen=True)
+class DemoResult:
+    """What `make_demo` wrote.
+
+    Attributes
+    ----------
+    stage, sheet : Path
+        The stage and the contact sheet (PNG).
+    frames : dict of str to list of Path
+        Pictures of the zoom: ``zipmap`` and ``root``.
+    """
+
+    stage: Path
+    sheet: Path
+    frames: dict[str, list[Path]]
+
+
+def bundled_photos() -> list[Path]:
+    """The photos that come with a checkout.
+
+    Raises
+    ------
+    FexelError
+        There are none, as in an installed wheel.
+    """
+    folder = Path(__file__).resolve().parents[2] / "stages" / "zipmap_demo" / "photos"
+    photos = sorted(folder.glob("*.jpg"))
+    if not photos:
+        raise FexelError(f"{folder}: no photos; they come with a checkout, elsewhere name your own with --photos")
+    return photos
+
+
+def make_demo(photos: Sequence[Path], output: Path, frames: int = _FRAME_COUNT, width: int = _WIDTH) -> DemoResult:
+    """Author a zipmap from photos, render the zoom with and without its patches, and lay out a contact sheet.
+
+    Parameters
+    ----------
+    photos : sequence of Path
+    output : Path
+        Folder, made if need be. Gets ``zipmap_demo.usda`` with its textures, ``frames/`` and ``contact_sheet.png``.
+    frames : int
+        Pictures along the zoom, at least 1.
+    width : int
+        Of a picture, pixels.
+
+    Raises
+    ------
+    FexelError
+        Unreadable photos, no OpenGL, a folder that cannot be written.
+    """
+    output.mkdir(parents=True, exist_ok=True)
+    stage_path = output / "zipmap_demo.usda"
+    make_zipmap([str(photo) for photo in photos], stage_path)
+    stage = Usd.Stage.Open(str(stage_path))
+    times = zoom_frames(frames)
+    with fexel.Renderer() as renderer:
+        zipmap = [_render(renderer, stage, t, width) for t in _progress(times, "zipmap")]
+        root_texture_alone(stage)
+        root = [_render(renderer, stage, t, width) for t in _progress(times, "root alone")]
+    paths = {"zipmap": _write_frames(output, "zipmap", zipmap), "root": _write_frames(output, "root", root)}
+    sheet = output / "contact_sheet.png"
+    write_png(sheet, _sheet(zipmap, root, [_magnification(stage, t) for t in times]))
+    return DemoResult(stage_path, sheet, paths)
+
+
+def zoom_frames(count: int) -> list[float]:
+    """Frames of the zoom camera, evenly spaced from its first to its last."""
+    return [round(float(frame)) for frame in np.linspace(*FRAMES, count)]
+
+
+def root_texture_alone(stage: Usd.Stage) -> None:
+    """Deactivate every patch of the zipmap in the session layer; no file changes."""
+    root = fexel.ZipmapTexture.Get(stage, TEXTURE_PATH)
+    patches = [patch.path for patch in root.GetPatches() if patch.depth == 1]
+    with Usd.EditContext(stage, stage.GetSessionLayer()):
+        for path in patches:
+            stage.GetPrimAtPath(path).SetActive(False)
+
+
+def _render(renderer: fexel.Renderer, stage: Usd.Stage, frame: float, width: int) -> np.ndarray:
+    """One picture, (H, W, 3) uint8, sRGB-encoded, on black."""
+    color = renderer.render(stage, camera=CAMERA, time=frame, width=width)["color"]
+    return np.round(255 * np.clip(linear_to_srgb(color[..., :3]), 0, 1)).astype(np.uint8)
+
+
+def _magnification(stage: Usd.Stage, frame: float) -> float:
+    """How much larger the surface appears than at the first frame."""
+    distance = stage.GetPrimAtPath(CAMERA).GetAttribute("focusDistance")
+    return distance.Get(FRAMES[0]) / distance.Get(frame)
+
+
+def _write_frames(output: Path, name: str, pictures: Sequence[np.ndarray]) -> list[Path]:
+    paths = [output / "frames" / f"{name}.{index:04d}.png" for index in range(1, len(pictures) + 1)]
+    for path, picture in zip(paths, pictures, strict=True):
+        write_png(path, picture)
+    return paths
+
+
+def _sheet(zipmap: list[np.ndarray], root: list[np.ndarray], magnifications: list[float]) -> np.ndarray:
+    """Bands of a few frames, in each the zipmap above the root alone; the last band is filled up with black."""
+    bands = []
+    blank = np.zeros_like(zipmap[0])
+    for first in range(0, len(zipmap), _FRAMES_PER_BAND):
+        part = slice(first, first + _FRAMES_PER_BAND)
+        missing = _FRAMES_PER_BAND - len(zipmap[part]) if first else 0
+        rows = [
+            SheetRow(label, pictures[part] + [blank] * missing)
+            for label, pictures in (("zipmap", zipmap), ("the same, root texture alone", root))
+        ]
+        bands.append(contact_sheet(rows, [f"{value:.1f}x" for value in magnifications[part]] + [""] * missing))
+    return np.concatenate(bands)
+
+
+def _progress(frames: Sequence[float], description: str) -> Iterable[float]:
+    if not sys.stderr.isatty():
+        return frames
+    from rich.console import Console
+    from rich.progress import track
+
+    return track(frames, description=description, console=Console(stderr=True))
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the demonstration; one line on stdout says where the results are."""
+    parser = argparse.ArgumentParser(prog="python -m fexel_tools.demo", description="Photos to a zipmap to a zoom.")
+    parser.add_argument("--output", type=Path, default=Path("out/demo"), help="folder (default: out/demo)")
+    parser.add_argument("--photos", type=Path, nargs="+", metavar="PHOTO", help="default: the bundled ones")
+    parser.add_argument("--frames", type=int, default=_FRAME_COUNT, help=f"pictures (default: {_FRAME_COUNT})")
+    parser.add_argument("--width", type=int, default=_WIDTH, help=f"of a picture, pixels (default: {_WIDTH})")
+    options = parser.parse_args(arguments)
+    start = time.perf_counter()
+    try:
+        result = make_demo(options.photos or bundled_photos(), options.output, options.frames, options.width)
+    except FexelError as error:
+        sys.stderr.write(f"fexel: {error}\n")
+        return 1
+    seconds = time.perf_counter() - start
+    sys.stdout.write(f"stage {result.stage}, contact sheet {result.sheet} ({seconds:.0f} s)\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
