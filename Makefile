@@ -9,7 +9,7 @@ EGL_PACKAGES := libegl1 libgl1 libgl1-mesa-dri
 WORKERS ?= 2
 PYTEST_ARGS ?=
 
-.PHONY: help setup demo test bench lint format schema clean opengl
+.PHONY: help setup demo test bench lint format schema stages clean opengl
 .DEFAULT_GOAL := help
 
 help:
@@ -19,6 +19,7 @@ help:
 	@echo "make lint    ruff, pyright, codespell"
 	@echo "make format  let ruff format and fix what it can"
 	@echo "make schema  regenerate what is made from schemas/schema.usda"
+	@echo "make stages  regenerate the example stages"
 	@echo "make setup   make .venv, without running anything"
 	@echo "make clean   remove .venv and everything generated"
 
@@ -44,7 +45,7 @@ demo: $(STAMP) opengl
 	@$(BIN)/python -m fexel_tools.demo
 
 test: $(STAMP) opengl
-	@$(BIN)/python -m pytest -n $(WORKERS) $(PYTEST_ARGS)
+	@$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile $(PYTEST_ARGS)
 
 bench: $(STAMP) opengl
 	@$(BIN)/python -m bench
@@ -58,6 +59,9 @@ lint: $(STAMP)
 format: $(STAMP)
 	@$(BIN)/ruff check --fix .
 	@$(BIN)/ruff format .
+
+stages: $(STAMP) opengl
+	@for script in stages/*/make.py; do echo "$$script"; $(BIN)/python "$$script" || exit 1; done
 
 schema: $(STAMP)
 	@$(BIN)/python -m fexel_tools.schema_generation

@@ -13,7 +13,9 @@ from fexel.validators.registration import register_validators
 
 __all__ = ["Finding", "validate", "validate_file"]
 
-_SEVERITIES = {"Error": "error", "Warn": "warning", "Info": "info"}
+_Severity = Literal["error", "warning", "info"]
+
+_SEVERITIES: dict[str, _Severity] = {"Error": "error", "Warn": "warning", "Info": "info"}
 
 
 @dataclass(frozen=True, order=True)
@@ -32,7 +34,7 @@ class Finding:
         Name of the validator, such as ``fexel:Matrix`` or ``usdShadeValidators:ShaderSdrCompliance``.
     """
 
-    severity: Literal["error", "warning", "info"]
+    severity: _Severity
     path: str
     message: str
     validator: str
