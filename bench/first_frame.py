@@ -10,6 +10,7 @@ import json
 import resource
 import sys
 import time
+from pathlib import Path
 
 __all__ = ["main"]
 
@@ -39,9 +40,15 @@ def main(stage_path: str, camera: str, width: int) -> None:
 
 
 def peak_resident_mb() -> float:
-    """Largest resident set so far, 10^6 bytes; Linux counts in KiB, macOS in bytes."""
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return peak / 1e6 if sys.platform == "darwin" else peak * 1024 / 1e6
+    """Largest resident set so far, 10^6 bytes, libraries' mapped pages included.
+
+    Linux: VmHWM, for ru_maxrss of a process is never below its parent's at the fork. macOS counts ru_maxrss in bytes.
+    """
+    status = Path("/proc/self/status")
+    if status.is_file():
+        lines = dict(line.split(":", 1) for line in status.read_text(encoding="ascii").splitlines())
+        return int(lines["VmHWM"].split()[0]) * 1024 / 1e6
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (1e6 if sys.platform == "darwin" else 1e6 / 1024)
 
 
 if __name__ == "__main__":
