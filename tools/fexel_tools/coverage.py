@@ -29,6 +29,7 @@ __all__ = [
     "density",
     "inscribed_rectangle",
     "plan_patches",
+    "polygon_area",
     "rectangle",
 ]
 
@@ -100,7 +101,7 @@ def rectangle(x0: float, y0: float, x1: float, y1: float) -> np.ndarray:
 
 def clip_convex(polygon: np.ndarray, clip: np.ndarray) -> np.ndarray:
     """Part of a convex polygon inside another: (N, 2), N = 0 when they do not meet (Sutherland and Hodgman 1974)."""
-    clip = clip if _area(clip) > 0.0 else clip[::-1]
+    clip = clip if _signed_area(clip) > 0.0 else clip[::-1]
     for a, b in zip(clip, np.roll(clip, -1, axis=0), strict=True):
         if not len(polygon):
             break
@@ -115,6 +116,17 @@ def clip_convex(polygon: np.ndarray, clip: np.ndarray) -> np.ndarray:
                 kept.append(p + (q - p) * (sp / (sp - sq)))
         polygon = np.array(kept).reshape(-1, 2)
     return polygon
+
+
+def polygon_area(polygon: np.ndarray) -> float:
+    """Area of a simple polygon (N, 2); 0 for fewer than three corners."""
+    return abs(_signed_area(polygon)) if len(polygon) >= 3 else 0.0
+
+
+def _signed_area(polygon: np.ndarray) -> float:
+    """Positive when the corners turn from x to y."""
+    x, y = polygon[:, 0], polygon[:, 1]
+    return 0.5 * float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1)))
 
 
 def inscribed_rectangle(polygon: np.ndarray, samples: int = 192) -> tuple[float, float, float, float] | None:
@@ -252,14 +264,7 @@ class _Nest:
         return order
 
     def _share_inside(self, outline: np.ndarray, other: int) -> float:
-        part = clip_convex(outline, self._outline[other])
-        return abs(_area(part)) / abs(_area(outline)) if len(part) >= 3 else 0.0
-
-
-def _area(polygon: np.ndarray) -> float:
-    """Signed: positive when the corners turn from x to y."""
-    x, y = polygon[:, 0], polygon[:, 1]
-    return 0.5 * float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1)))
+        return polygon_area(clip_convex(outline, self._outline[other])) / polygon_area(outline)
 
 
 def _extent(polygon: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

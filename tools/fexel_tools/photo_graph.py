@@ -18,7 +18,7 @@ import numpy as np
 
 from fexel.errors import FexelError
 from fexel_tools.consistency import PoseLink, adjust_poses, apply_homography, chain_poses
-from fexel_tools.coverage import MIN_GAIN, Addition, Placement, clip_convex, plan_patches, rectangle
+from fexel_tools.coverage import MIN_GAIN, Addition, Placement, clip_convex, plan_patches, polygon_area, rectangle
 
 __all__ = ["Link", "PhotoGraph", "build_graph", "choose_root"]
 
@@ -196,21 +196,14 @@ def _held_counts(component: list[int], sizes: list[tuple[int, int]], links: list
     poses = chain_poses([_pose_link(link) for link in links], sizes, base)
     outlines = {k: apply_homography(poses[k], rectangle(0, 0, *sizes[k])) for k in component}
     outlines = {k: o for k, o in outlines.items() if np.isfinite(o).all()}
-    area = {k: _area(o) for k, o in outlines.items()}
+    area = {k: polygon_area(o) for k, o in outlines.items()}
     held = dict.fromkeys(component, (0, 0.0))
     for k, outline in outlines.items():
         inside = sum(
-            other != k and _area(clip_convex(outlines[other], outline)) >= _INSIDE * area[other] for other in outlines
+            other != k and polygon_area(clip_convex(outlines[other], outline)) >= _INSIDE * area[other] for other in outlines
         )
         held[k] = (inside, area[k])
     return held
-
-
-def _area(polygon: np.ndarray) -> float:
-    if len(polygon) < 3:
-        return 0.0
-    x, y = polygon[:, 0], polygon[:, 1]
-    return 0.5 * abs(float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))))
 
 
 def _reject_unplaced(

@@ -21,7 +21,7 @@ import numpy as np
 
 from fexel.errors import FexelError, FexelWarning
 from fexel_tools import zipmap_stage
-from fexel_tools.coverage import MIN_GAIN
+from fexel_tools.coverage import MIN_GAIN, polygon_area
 from fexel_tools.framing import camera_poses
 from fexel_tools.geometry import PRIMITIVES, Surface, load_surface, primitive, reference_source
 from fexel_tools.patches import PatchJob, write_textures
@@ -383,19 +383,18 @@ def _copy_mask(staged: StagedOutput, patch: PlannedPatch) -> str:
 
 
 def _sharpest(root: PlannedPatch, patches: list[PlannedPatch]) -> np.ndarray | None:
-    """Outline in the root's st of the patch with the most pixels per root pixel; None without patches."""
-    best, best_scale = None, 0.0
+    """Outline in the root's st of the patch with the most pixels per root pixel; None without patches.
+
+    Slivers are passed over: a quarter of the largest patch's pixels is the least.
+    """
+    pixels = {p.name: (p.window[2] - p.window[0]) * (p.window[3] - p.window[1]) for p in patches}
+    large = [p for p in patches if 4 * pixels[p.name] >= max(pixels.values())]
+    outlines = {p.name: zipmap_stage.outline_in_root(p.window, p.root_from_photo) for p in large}
+    best = max(large, key=lambda p: pixels[p.name] / max(polygon_area(outlines[p.name]), 1e-300), default=None)
+    if best is None:
+        return None
     st_from_root = zipmap_stage.st_from_pixels((0, 0, root.photo.width, root.photo.height))
-    for patch in patches:
-        outline = zipmap_stage.outline_in_root(patch.window, patch.root_from_photo)
-        x0, y0, x1, y1 = patch.window
-        pixels = (x1 - x0) * (y1 - y0)
-        x, y = outline.T
-        area = 0.5 * abs(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1)))
-        if pixels / max(area, 1e-300) > best_scale:  # guards an outline that has collapsed to a point
-            best_scale = pixels / max(area, 1e-300)
-            best = np.column_stack([outline, np.ones(4)]) @ st_from_root.T[:, :2]
-    return best
+    return np.column_stack([outlines[best.name], np.ones(4)]) @ st_from_root.T[:, :2]
 
 
 def _report(files: list[str], graph: PhotoGraph) -> ZipmapReport:
