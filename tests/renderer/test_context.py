@@ -7,6 +7,7 @@ import subprocess
 import sys
 
 import pytest
+
 from fexel.errors import FexelError
 from fexel.renderer import context as context_module
 from fexel.renderer.context import GLContext
@@ -60,9 +61,7 @@ def test_failing_driver_is_one_line_with_the_reason(monkeypatch):
 
     monkeypatch.setattr(moderngl, "create_standalone_context", refuse)
     with (
-        pytest.raises(
-            FexelError, match=r"eglInitialize failed \(0x3001\).*libegl1"
-        ) as error,
+        pytest.raises(FexelError, match=r"eglInitialize failed \(0x3001\).*libegl1") as error,
         GLContext(),
     ):
         pass

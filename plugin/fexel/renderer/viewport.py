@@ -58,16 +58,19 @@ def tiles(width: int, height: int, largest_px: int = MAX_TILE_PX) -> Iterator[Ti
 
 
 def sample_offsets(count: int) -> np.ndarray:
-    """Offsets (count, 2) in pixels within [-0.5, 0.5): the Hammersley set, which fills the pixel's box evenly."""
+    """Offsets (count, 2) in pixels within (-0.5, 0.5): `count` rows and as many columns, each with one sample.
+
+    The rows are taken in the order of the van der Corput sequence, which spreads any number of samples evenly.
+    """
     index = np.arange(count)
-    second = np.zeros(count)
+    radical_inverse = np.zeros(count)
     digit, rest = 0.5, index.copy()
     while rest.any():
-        second += digit * (rest & 1)
+        radical_inverse += digit * (rest & 1)
         rest >>= 1
         digit /= 2
-    # Half of the finest step centres the sequence, whose first element is 0, within the pixel.
-    return np.stack([(index + 0.5) / count, second + digit], axis=1) - 0.5
+    rows = np.argsort(np.argsort(radical_inverse))
+    return (np.stack([index, rows], axis=1) + 0.5) / count - 0.5
 
 
 def conform_projection(camera: Camera, aspect: float, policy: str = "expandAperture") -> np.ndarray:
