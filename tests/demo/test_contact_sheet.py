@@ -29,7 +29,7 @@ def test_every_picture_appears_whole_and_unchanged(rng):
 
 
 def test_labels_are_drawn_outside_the_pictures():
-    bare = contact_sheet([SheetRow("", [flat(0)] * 2)], ["", ""])
+    bare = contact_sheet([SheetRow(" ", [flat(0)] * 2)], ["", ""])
     labelled = contact_sheet([SheetRow("row", [flat(0)] * 2)], ["left", "right"])
     changed = np.argwhere((bare != labelled).any(-1))
     assert len(changed) > 50

@@ -33,7 +33,7 @@ class SheetRow:
 
 
 def contact_sheet(rows: Sequence[SheetRow], column_labels: Sequence[str] = (), gap: int = 6) -> np.ndarray:
-    """Lay out rows of pictures with a label above each row and one below each column.
+    """Lay out rows of pictures with a label above each row (none where it is '') and one below each column.
 
     Parameters
     ----------
@@ -63,12 +63,12 @@ def contact_sheet(rows: Sequence[SheetRow], column_labels: Sequence[str] = (), g
     height, width, columns = _common_shape(rows, column_labels)
     label_height = _TEXT_PX + 10
     foot = label_height if column_labels else 0
-    page_height = len(rows) * (label_height + height) + gap + foot
+    page_height = sum((label_height if row.label else gap) + height for row in rows) + gap + foot
     page = np.full((page_height, gap + columns * (width + gap), 3), _PAPER, np.uint8)
     top = 0
     for row in rows:
         _write(page, row.label, gap, top + label_height - 6, _TEXT_PX)
-        top += label_height
+        top += label_height if row.label else gap
         for column, picture in enumerate(row.pictures):
             left = gap + column * (width + gap)
             page[top : top + height, left : left + width] = picture

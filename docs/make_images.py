@@ -1,0 +1,85 @@
+"""Make the pictures of the README from the example stages: ``python docs/make_images.py``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import OpenImageIO as oiio
+from pxr import Usd
+
+import fexel
+from fexel.images import linear_to_srgb
+from fexel_tools.contact_sheet import SheetRow, contact_sheet
+
+DOCS = Path(__file__).resolve().parent
+STAGES = DOCS.parent / "stages"
+
+
+def picture(renderer: fexel.Renderer, stage: Usd.Stage, width: int, **options: object) -> np.ndarray:
+    """One frame, (H, W, 3) uint8, sRGB-encoded, on black."""
+    color = renderer.render(stage, width=width, samples=8, **options)["color"]
+    return np.round(255 * np.clip(linear_to_srgb(color[..., :3]), 0, 1)).astype(np.uint8)
+
+
+def without_patches(name: str, texture: str) -> Usd.Stage:
+    """The stage with the patches of one zipmap deactivated in the session layer."""
+    stage = Usd.Stage.Open(str(STAGES / name / f"{name}.usda"))
+    with Usd.EditContext(stage, stage.GetSessionLayer()):
+        for patch in fexel.ZipmapTexture.Get(stage, texture).GetPatches():
+            if patch.depth == 1:
+                patch.prim.SetActive(False)
+    return stage
+
+
+def zoom_sheet(renderer: fexel.Renderer, name: str, texture: str, frames: list[int], width: int) -> np.ndarray:
+    """Frames of the zoom camera, with patches above, with the root alone below."""
+    with_patches = Usd.Stage.Open(str(STAGES / name / f"{name}.usda"))
+    stages = {"zipmap": with_patches, "root texture alone": without_patches(name, texture)}
+    rows = [
+        SheetRow(label, [picture(renderer, stage, width, camera="Zoom", time=frame) for frame in frames])
+        for label, stage in stages.items()
+    ]
+    return contact_sheet(rows, [magnification(with_patches, frame) for frame in frames])
+
+
+def magnification(stage: Usd.Stage, frame: int) -> str:
+    """How much larger the surface appears than at frame 1, from the widths of the clipping range."""
+    clipping = stage.GetPrimAtPath("/World/Cameras/Zoom").GetAttribute("clippingRange")
+    value = clipping.Get(1)[0] / clipping.Get(frame)[0]
+    return f"{value:.1f}x" if value < 20 else f"{value:,.0f}x"
+
+
+def teapot_sheet(renderer: fexel.Renderer, width: int) -> np.ndarray:
+    """The pot from afar, and a close-up with and without the patches."""
+    stage = Usd.Stage.Open(str(STAGES / "zipmap_teapot" / "zipmap_teapot.usda"))
+    root = without_patches("zipmap_teapot", "/World/Materials/Dandelions/Texture")
+    pictures = [picture(renderer, stage, width, camera=name) for name in ("Overview", "Head")]
+    pictures += [picture(renderer, s, width, camera="Detail") for s in (stage, root)]
+    return contact_sheet([SheetRow("", pictures)], ["overview", "closer", "close-up", "close-up, root texture alone"])
+
+
+def write(name: str, pixels: np.ndarray) -> None:
+    """Write ``docs/images/<name>.jpg``."""
+    spec = oiio.ImageSpec(pixels.shape[1], pixels.shape[0], 3, oiio.UINT8)
+    spec.attribute("Compression", "jpeg:88")
+    path = DOCS / "images" / f"{name}.jpg"
+    path.parent.mkdir(exist_ok=True)
+    output = oiio.ImageOutput.create(str(path))
+    if not (output.open(str(path), spec) and output.write_image(np.ascontiguousarray(pixels)) and output.close()):
+        raise fexel.FexelError(f"{path}: {output.geterror()}")
+
+
+def main() -> None:
+    """Write every picture."""
+    with fexel.Renderer() as renderer:
+        write("teapot", teapot_sheet(renderer, 320))
+        write(
+            "deep_zoom",
+            zoom_sheet(renderer, "zipmap_deep", "/World/Materials/Deep/Texture", [1, 9, 17, 25, 33, 41, 48], 180),
+        )
+        write("zoom", zoom_sheet(renderer, "zipmap_demo", "/World/Materials/Zipmap/Texture", [1, 12, 24, 36, 48], 256))
+
+
+if __name__ == "__main__":
+    main()
