@@ -1,15 +1,15 @@
-"""Texture coordinates made by xatlas: inside the unit square, one per polygon corner, no two triangles over each other."""
+"""Texture coordinates made by xatlas: in the unit square, one per polygon corner, no triangle over another."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from fexel_tools.mesh_files import read_mesh_file
-from fexel_tools.uv_atlas import make_atlas
-from fexel_tools.uv_overlap import covering_faces, overlapping_pairs
 
 from fexel.errors import FexelError
 from fexel.scene.triangulation import triangulate
+from fexel_tools.mesh_files import read_mesh_file
+from fexel_tools.uv_atlas import make_atlas
+from fexel_tools.uv_overlap import covering_faces, overlapping_pairs
 
 _CUBE_POINTS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
 _CUBE_FACES = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])

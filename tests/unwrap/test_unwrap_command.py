@@ -7,10 +7,10 @@ import struct
 
 import numpy as np
 import pytest
-from fexel_tools.unwrap import unwrap
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdShade, Vt
 
 from fexel.errors import FexelError
+from fexel_tools.unwrap import unwrap
 
 _SQUARE = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]
 
