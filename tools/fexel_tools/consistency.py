@@ -25,7 +25,7 @@ _ITERATIONS = 30
 _STEP_TOLERANCE = 1e-6  # of half a photo: hundredths of a pixel that nothing could measure
 _SIGMA_FLOOR_PX = 0.05  # no link is trusted further than photometric refinement reaches
 _SCALE_SIGMAS = 3.0  # Geman-McClure scale: a link this many sigmas off counts a quarter
-_CANDIDATES = 8  # links tried per contradiction
+_CANDIDATES = 12  # links tried per contradiction
 _OUTLIER_PX = 3.0  # a link this far from all others is an error, not noise
 
 
