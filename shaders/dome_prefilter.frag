@@ -9,7 +9,7 @@ uniform float alpha;             // GGX width; 0 copies
 in vec2 uv;
 out vec4 outRadiance;
 
-const int SAMPLE_COUNT = 256;
+const int SAMPLE_COUNT = 64;
 
 // Van der Corput sequence in base 2.
 float radical_inverse(uint i)
