@@ -122,7 +122,7 @@ def add_zoom_camera(
 
     It keeps `target` (x, y) fixed in the picture once it is centred: the centre moves from the origin to the target in
     proportion to the width seen, so that the path stays inside the wall. Equal widths make a still camera, looking at
-    the target. The clipping distances follow the distance.
+    the target. The clipping distances follow the distance. At the default time the camera stands where it starts.
     """
     camera = UsdGeom.Camera.Define(stage, path)
     camera.CreateFocalLengthAttr(FOCAL_LENGTH)
@@ -136,9 +136,9 @@ def add_zoom_camera(
     for frame in [first] if still else range(first, last + 1):
         width = start * (end / start) ** ((frame - first) / (last - first))
         share = 1.0 if still else (start - width) / (start - end)
-        time = Usd.TimeCode.Default() if still else Usd.TimeCode(frame)
-        translate.Set(Gf.Vec3d(target[0] * share, target[1] * share, width), time)
-        clipping.Set(Gf.Vec2f(width / 4, width * 4), time)
+        for time in [Usd.TimeCode.Default()] * (frame == first) + [Usd.TimeCode(frame)] * (not still):
+            translate.Set(Gf.Vec3d(target[0] * share, target[1] * share, width), time)
+            clipping.Set(Gf.Vec2f(width / 4, width * 4), time)
     if not still:
         stage.SetStartTimeCode(first)
         stage.SetEndTimeCode(last)
