@@ -10,9 +10,9 @@ ends it. For each channel
   0 on the border itself: the outermost rows and columns, and every pixel that is not valid;
 - eq. (3): ``alpha = min(1, max over channels of gdm / tau)``.
 
-Costs are sums of integers (2^-29 of the limit each), so that a path's cost has no rounding and does not depend on the
-order of evaluation (`path_cost`). Where a path would cost more than the limit it is not followed, which leaves alpha
-exact. Channels run in parallel.
+Costs are sums of integers (the unit is 2^-29 of tau), so that a path's cost has no rounding and does not depend on the
+order of evaluation (`path_cost`). Where a path would cost more than tau it is not followed, which leaves alpha exact.
+Channels run in parallel.
 
 tau is in units of accumulated gradient and so depends on contrast, noise and size of the image. The automatic tau asks
 for a width instead: half of the pixels at depth `ramp_px` from the border are opaque. It scales with the image's
@@ -31,12 +31,12 @@ import cv2
 import numpy as np
 
 from fexel.errors import FexelError
-from fexel_tools.path_cost import gradient, integer_costs, path_costs
+from fexel_tools.path_cost import LIMIT, cost_bound, gradient, integer_costs, path_costs
 
 __all__ = ["BlendMask", "blend_mask", "default_ramp", "gradient_density", "gradient_map"]
 
-_LIMIT = 1 << 29  # integer cost of the limit: a sum of two stays below 2^31
 _WORKERS = 2
+_MANY_PIXELS = 24_000_000  # beyond, one channel at a time: each takes 17 bytes per pixel
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,8 +75,9 @@ def blend_mask(
     -------
     BlendMask
         With a given tau an image without any gradient is transparent, as eq. (3) says. With the automatic tau eq. (3)
-        is 0/0 there and its limit for vanishing uniform texture is taken: alpha grows with the distance to the border
-        and reaches 1 at `ramp_px`. An image of fewer than three rows or columns is all border: alpha 0.
+        is 0/0 where the whole ring at `ramp_px` is reached without crossing any gradient, and its limit for vanishing
+        uniform texture is taken: alpha is the distance to the border over `ramp_px`, at most 1. An image of fewer than
+        three rows or columns is all border: alpha 0.
 
     Raises
     ------
@@ -97,16 +98,14 @@ def blend_mask(
         limit = _straight_cost(channels, invalid, depth)
         if limit == 0:
             return BlendMask(_distance_ramp(border, depth), 0.0)
-        units = _densest(channels, invalid, limit)
-        tau = _typical(units[_depth_ring(height, width, depth)]) * (limit / _LIMIT)
+        densest = _densest(channels, invalid, limit)
+        tau = _typical(densest[_depth_ring(height, width, depth)])
         if tau == 0:
             return BlendMask(_distance_ramp(border, depth), 0.0)
     else:
-        limit = tau
-        units = _densest(channels, invalid, limit)
-    alpha = units.astype(np.float32)
-    alpha *= np.float32(limit / (_LIMIT * tau))
-    return BlendMask(np.minimum(alpha, np.float32(1), out=alpha), float(tau))
+        densest = _densest(channels, invalid, tau)
+    densest *= np.float32(1 / tau)
+    return BlendMask(np.minimum(densest, np.float32(1), out=densest), float(tau))
 
 
 def default_ramp(height: int, width: int) -> float:
@@ -129,12 +128,7 @@ def gradient_density(
     of pixels that stay below the limit.
     """
     channels = _channels(image)
-    invalid = _invalid(channels, valid)
-    if not np.isfinite(limit):
-        limit = _longest_row(channels, invalid)
-    if limit <= 0:
-        return np.zeros(channels[0].shape, np.float32)
-    return (_densest(channels, invalid, limit, workers) * (limit / _LIMIT)).astype(np.float32)
+    return _densest(channels, _invalid(channels, valid), limit, workers)
 
 
 def _channels(image: np.ndarray) -> list[np.ndarray]:
@@ -181,25 +175,30 @@ def _border(invalid: np.ndarray | None, shape: tuple[int, int]) -> np.ndarray:
 def _densest(
     channels: list[np.ndarray], invalid: np.ndarray | None, limit: float, workers: int = _WORKERS
 ) -> np.ndarray:
-    """Maximum over the channels of the path costs (H, W) int32, in units of limit / 2^29."""
+    """Maximum over the channels of the density maps, clamped at `limit` (may be infinite): (H, W) float32."""
     border = _border(invalid, channels[0].shape)
-    densest = np.zeros(border.shape, np.int32)
+    densest = np.zeros(border.shape, np.float32)
     lock = Lock()
 
     def add(channel: np.ndarray) -> None:
-        costs = integer_costs(gradient(_prepared(channel, invalid)), limit / _LIMIT, _LIMIT)
-        units = path_costs(costs, border, _LIMIT)
+        density = _density(channel, invalid, border, limit)
         with lock:
-            np.maximum(densest, units, out=densest)
+            np.maximum(densest, density, out=densest)
 
-    with ThreadPoolExecutor(workers) as pool:
+    with ThreadPoolExecutor(workers if border.size < _MANY_PIXELS else 1) as pool:
         list(pool.map(add, channels))
     return densest
 
 
-def _longest_row(channels: list[np.ndarray], invalid: np.ndarray | None) -> float:
-    """Bound of any path cost: no pixel is farther from the border than its whole row."""
-    return max(float(gradient(_prepared(c, invalid)).sum(axis=1, dtype=np.float64).max()) for c in channels)
+def _density(channel: np.ndarray, invalid: np.ndarray | None, border: np.ndarray, limit: float) -> np.ndarray:
+    slopes = gradient(_prepared(channel, invalid))
+    limit = min(limit, cost_bound(slopes))  # so that the integers resolve what there is, and buckets stay small
+    if limit == 0:
+        return slopes
+    costs = integer_costs(slopes, limit)
+    del slopes
+    units = path_costs(costs, border)
+    return np.multiply(units, np.float32(limit / LIMIT), dtype=np.float32, casting="unsafe")
 
 
 def _straight_cost(channels: list[np.ndarray], invalid: np.ndarray | None, depth: int) -> float:
