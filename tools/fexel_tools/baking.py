@@ -18,7 +18,7 @@ import numpy as np
 from fexel import homography
 from fexel.images import srgb_to_linear
 from fexel.mipmaps import level_count, level_size
-from fexel.textures.pyramid_cache import RAW, SRGB, ImageFacts, PyramidCache
+from fexel.textures.pyramid_cache import SRGB, ImageFacts, PyramidCache
 from fexel.textures.zipmap import ImageSource, ZipmapData
 
 __all__ = ["bake_zipmap", "baked_size"]
@@ -198,7 +198,7 @@ def _linear(stored: np.ndarray, page_class: int) -> np.ndarray:
         texels = _SRGB_TABLE[stored]
         texels[..., 3] = stored[..., 3] / np.float32(255)
         return texels
-    if page_class == RAW:
+    if stored.dtype == np.uint8:
         return stored / np.float32(255)
     return stored.astype(np.float32)
 
