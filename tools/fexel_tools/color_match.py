@@ -71,7 +71,7 @@ def match_color(
     parent_from_child : (3, 3) float
         Continuous pixel coordinates, column vectors.
     fit_gamma : bool
-        Also fit one exponent; only where the child's values span a factor of 4.
+        Also fit one exponent; only where the child's values span a factor of 2.
 
     Returns
     -------
@@ -105,7 +105,7 @@ def match_samples(child: np.ndarray, parent: np.ndarray, *, fit_gamma: bool = Fa
         return ColorMatch(samples=fewest, reason=f"{fewest} pixels that correspond, expected at least {_FEWEST}")
     x, y, channel = np.concatenate(x), np.concatenate(y), np.concatenate(channel)
     spread = np.subtract(*np.percentile(x, [95, 5]))
-    log_gain, gamma, residual = _fit(x, y, channel, fit_gamma and spread > np.log(4))
+    log_gain, gamma, residual = _fit(x, y, channel, fit_gamma and spread > np.log(2))
     gain = np.exp(log_gain)
     if gain.max() > _LARGEST_GAIN or gain.min() < 1 / _LARGEST_GAIN:
         found = ", ".join(f"{value:.3g}" for value in gain)
@@ -138,7 +138,8 @@ def corresponding_colors(
     small = _reduced(child, columns, rows)
     child_from_grid = np.diag([width / columns, height / rows, 1.0])
     parent_on_grid = _warped(parent, parent_from_child @ child_from_grid, columns, rows)
-    return _smoothed(small).reshape(-1, 3), _smoothed(parent_on_grid).reshape(-1, 3)
+    good = np.isfinite(small) & np.isfinite(parent_on_grid)  # the same pixels go into both means
+    return _smoothed(small, good).reshape(-1, 3), _smoothed(parent_on_grid, good).reshape(-1, 3)
 
 
 def _usable(values: np.ndarray) -> np.ndarray:
@@ -198,11 +199,8 @@ def _warped(parent: np.ndarray, parent_from_grid: np.ndarray, columns: int, rows
     )
 
 
-def _smoothed(colors: np.ndarray) -> np.ndarray:
-    """Gaussian blur that ignores NaN and leaves it where it is."""
-    good = np.isfinite(colors)
-    total = cv2.GaussianBlur(
-        np.where(good, colors, np.float32(0)), (0, 0), _SMOOTHING, borderType=cv2.BORDER_REFLECT_101
-    )
-    share = cv2.GaussianBlur(good.astype(np.float32), (0, 0), _SMOOTHING, borderType=cv2.BORDER_REFLECT_101)
-    return np.where(good, total / np.maximum(share, 1e-6), np.float32(np.nan)).astype(np.float32)
+def _smoothed(colors: np.ndarray, good: np.ndarray) -> np.ndarray:
+    """Gaussian mean of the good values around each good one; NaN elsewhere."""
+    clean, share = np.where(good, colors, np.float32(0)), good.astype(np.float32)
+    total, weight = (cv2.GaussianBlur(a, (0, 0), _SMOOTHING, borderType=cv2.BORDER_REFLECT_101) for a in (clean, share))
+    return np.where(good, total / np.maximum(weight, 1e-6), np.float32(np.nan))  # 1e-6: only where nothing is good
