@@ -23,6 +23,8 @@ MAX_DEPTH = 32
 
 # How far a patch may reach beyond its parent without a warning, in parent coordinates: rounding of authored matrices.
 _MARGIN = 1e-6
+# Determinant of unit rows below which they are dependent but for rounding.
+_SINGULAR = 1e-15
 
 
 def check_matrix(prim: Usd.Prim) -> Iterator[Fault]:
@@ -41,21 +43,23 @@ def _problem(matrix: NDArray[np.float64]) -> str | None:
     # Scaled so that the determinant is a measure of how dependent the rows are, whatever the patch's size.
     scaled = matrix / max(float(np.abs(matrix).max()), 1e-300)
     rows = scaled / np.maximum(np.linalg.norm(scaled, axis=1, keepdims=True), 1e-300)
-    if abs(np.linalg.det(rows)) < 1e-15 or _corner_w(matrix) is None:
+    corners = _corners(matrix)
+    if abs(np.linalg.det(rows)) < _SINGULAR or corners is None:
         return f"matrix is singular, determinant {np.linalg.det(matrix):.3g}, expected an invertible one"
-    corners = _corner_w(matrix)
-    if corners is not None and corners.min() < 0 < corners.max():
+    if corners[:, 2].min() <= 0 <= corners[:, 2].max():
         return "w is negative in a part of the patch, expected one sign at all four corners"
     return f"matrix is singular to working precision, determinant {np.linalg.det(matrix):.3g}"
 
 
-def _corner_w(matrix: NDArray[np.float64]) -> NDArray[np.float64] | None:
-    """Homogeneous coordinate of the patch's corners in its parent; None when there is no inverse."""
+def _corners(matrix: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    """Homogeneous coordinates (4, 3) of the patch's corners in its parent; None when there is no finite inverse."""
+    if not np.isfinite(matrix).all():
+        return None
     try:
         inverse = np.linalg.inv(matrix)
     except np.linalg.LinAlgError:
         return None
-    return UNIT_SQUARE @ inverse[:2, 2] + inverse[2, 2]
+    return UNIT_SQUARE @ inverse[:2] + inverse[2] if np.isfinite(inverse).all() else None
 
 
 def check_parent(prim: Usd.Prim) -> Iterator[Fault]:
@@ -65,10 +69,10 @@ def check_parent(prim: Usd.Prim) -> Iterator[Fault]:
         return
     attribute = prim.GetAttribute("inputs:matrix")
     for when, value in authored_values(attribute):
-        matrix = np.array(value, dtype=np.float64)
-        if not is_usable(matrix):
+        bounds = _bounds_in_parent(np.array(value, dtype=np.float64))
+        if bounds is None:
             continue  # `check_matrix` says so
-        low, high = _bounds_in_parent(matrix)
+        low, high = bounds
         extent = f"s {low[0]:.4g} to {high[0]:.4g}, t {low[1]:.4g} to {high[1]:.4g}{when}"
         if (high <= _MARGIN).any() or (low >= 1 - _MARGIN).any():
             yield Fault(
@@ -80,11 +84,13 @@ def check_parent(prim: Usd.Prim) -> Iterator[Fault]:
             )
 
 
-def _bounds_in_parent(matrix: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    inverse = np.linalg.inv(matrix)
-    corners = UNIT_SQUARE @ inverse[:2] + inverse[2]
-    corners = corners[:, :2] / corners[:, 2:]
-    return corners.min(axis=0), corners.max(axis=0)
+def _bounds_in_parent(matrix: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    """Lowest and highest s and t of the patch's corners in its parent; None when not all are in front of infinity."""
+    corners = _corners(matrix)
+    if corners is None or corners[:, 2].min() <= 0 <= corners[:, 2].max():
+        return None
+    st = corners[:, :2] / corners[:, 2:]
+    return st.min(axis=0), st.max(axis=0)
 
 
 def check_depth(prim: Usd.Prim) -> Iterator[Fault]:

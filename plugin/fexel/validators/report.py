@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Literal
 
-from pxr import Usd, UsdUtils, UsdValidation
+from pxr import Usd, UsdUtils, UsdValidation, Work
 
 from fexel.stage import open_stage
 from fexel.validators.registration import register_validators
@@ -63,9 +65,21 @@ def validate(stage: Usd.Stage) -> list[Finding]:
     register_validators()
     validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
     diagnostics = UsdUtils.CoalescingDiagnosticDelegate()  # what USD would print beside its findings
-    errors = UsdValidation.ValidationContext(validators).Validate(stage)
+    with _one_thread():
+        errors = UsdValidation.ValidationContext(validators).Validate(stage)
     diagnostics.TakeUncoalescedDiagnostics()
     return sorted({finding for error in errors if (finding := _finding(error))})
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """Keep USD's threads from contending for Python's lock: 10,000 patches in 4.2 s instead of 9."""
+    limit = Work.GetConcurrencyLimit()
+    Work.SetConcurrencyLimit(1)
+    try:
+        yield
+    finally:
+        Work.SetConcurrencyLimit(limit)
 
 
 def validate_file(path: str | os.PathLike[str]) -> list[Finding]:
