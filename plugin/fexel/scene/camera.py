@@ -14,7 +14,7 @@ import numpy as np
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdShade
 
 from fexel.errors import FexelError
-from fexel.scene.model import Camera
+from fexel.scene.model import Camera, Draw
 from fexel.scene.sampling import Faults, Sampler
 
 __all__ = ["find_camera", "framing_camera", "image_height", "list_cameras", "read_camera"]
@@ -171,17 +171,18 @@ def _transform_varies(prim: Usd.Prim) -> bool:
     return False
 
 
-def framing_camera(
-    stage: Usd.Stage, time: Usd.TimeCode, aspect: float | None, purposes: Sequence[str], mask: Sequence[Sdf.Path] = ()
-) -> Camera:
-    """A 50 mm camera before the bounding box of the default prim (the masked prims), for a stage without a camera.
+def framing_camera(draws: Sequence[Draw], up_axis: str, aspect: float | None) -> Camera:
+    """A 50 mm camera before the bounding box of some draws, for a stage without a camera.
 
-    Where the box is taller than usdrecord's placing would show, the camera stands further back.
+    Where the box is taller than usdrecord's placing would show, the camera stands further back. Boxes are those of what
+    is drawn, not of authored extents: UsdGeomBBoxCache, which usdrecord asks, ends the process on an instancer that
+    is its own prototype and on very deep hierarchies.
     """
-    box = _bounds(stage, time, purposes, mask)
-    center, size = (box.GetMin() + box.GetMax()) / 2, box.GetSize()
-    y_up = UsdGeom.GetStageUpAxis(stage) != UsdGeom.Tokens.z
-    width, height, depth = (size[0], size[1], size[2]) if y_up else (size[0], size[2], size[1])
+    low, high = _bounds(draws)
+    center, (width, height, depth) = (low + high) / 2, high - low
+    y_up = up_axis != UsdGeom.Tokens.z
+    if not y_up:
+        height, depth = depth, height
     lens = Gf.Camera()
     shape = aspect or lens.horizontalAperture / lens.verticalAperture
     half_x = lens.horizontalAperture / 2 / lens.focalLength
@@ -189,22 +190,22 @@ def framing_camera(
     radius = math.sqrt(width**2 + height**2 + depth**2) / 2
     near, far = max((distance - radius) / 2, distance * 1e-3), (distance + radius) * 2
     to_world = np.eye(4) if y_up else np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
-    to_world[3, :3] = center + (Gf.Vec3d(0, 0, distance) if y_up else Gf.Vec3d(0, -distance, 0))
+    to_world[3, :3] = center + ((0, 0, distance) if y_up else (0, -distance, 0))
     window = np.array([-half_x, half_x, -half_x / shape, half_x / shape])
     return Camera("", np.linalg.inv(to_world), _projection(window, near, far, False), near, far, shape)
 
 
-def _bounds(stage: Usd.Stage, time: Usd.TimeCode, purposes: Sequence[str], mask: Sequence[Sdf.Path]) -> Gf.Range3d:
-    """World bounds to frame: masked prims, else the default prim, else all; a unit cube where there is nothing."""
-    cache = UsdGeom.BBoxCache(time, list(purposes), useExtentsHint=True)
-    default_prim = stage.GetDefaultPrim()
-    wanted = [stage.GetPrimAtPath(path) for path in mask] or ([default_prim] if default_prim else [])
-    for prims in (wanted, [stage.GetPseudoRoot()]):
-        total = Gf.Range3d()
-        for prim in prims:
-            box = cache.ComputeWorldBound(prim).ComputeAlignedRange() if prim else Gf.Range3d()
-            if not box.IsEmpty() and all(math.isfinite(x) for x in (*box.GetMin(), *box.GetMax())):
-                total.UnionWith(box)
-        if not total.IsEmpty() and total.GetSize().GetLength() > 0:
-            return total
-    return Gf.Range3d(Gf.Vec3d(-0.5), Gf.Vec3d(0.5))
+def _bounds(draws: Sequence[Draw]) -> tuple[np.ndarray, np.ndarray]:
+    """Lowest and highest world coordinates of the boxes of all meshes; a unit cube where there is nothing."""
+    places: dict[int, tuple[np.ndarray, list[np.ndarray]]] = {}
+    for draw in draws:
+        places.setdefault(id(draw.mesh), (draw.mesh.points, []))[1].append(draw.object_to_world)
+    corners = []
+    for points, matrices in places.values():
+        box = np.stack([points.min(axis=0), points.max(axis=0)])
+        eight = np.array([(box[i, 0], box[j, 1], box[k, 2], 1.0) for i in (0, 1) for j in (0, 1) for k in (0, 1)])
+        corners.append((eight @ np.array(matrices))[..., :3].reshape(-1, 3))
+    if not corners:
+        return np.full(3, -0.5), np.full(3, 0.5)
+    low, high = np.concatenate(corners).min(axis=0), np.concatenate(corners).max(axis=0)
+    return (low, high) if (high > low).any() else (low - 0.5, high + 0.5)

@@ -16,7 +16,7 @@ from fexel.scene.camera import find_camera, framing_camera, list_cameras, read_c
 from fexel.scene.draws import DrawBuilder
 from fexel.scene.hierarchy import LIGHT, Tree, build_tree
 from fexel.scene.light import read_light
-from fexel.scene.model import Camera, Light, Scene
+from fexel.scene.model import Camera, Draw, Light, Scene
 from fexel.scene.sampling import Faults, Sampler
 
 __all__ = ["COMPLEXITIES", "SceneReader"]
@@ -116,12 +116,22 @@ class SceneReader:
         )
 
     def camera_at(self, time: float | None = None, camera: str | None = None, aspect: float | None = None) -> Camera:
-        """The camera alone, as `at` would give it; for the size of a picture before anything is extracted."""
+        """The camera alone, as `at` would give it; for the size of a picture beforehand."""
         code = Usd.TimeCode.Default() if time is None else Usd.TimeCode(time)
         prim = find_camera(self.stage, camera)
-        if prim is None:
-            return framing_camera(self.stage, code, aspect, self._purposes, self._mask)
-        return read_camera(prim, Sampler(code), aspect, self._faults)
+        if prim is not None:
+            return read_camera(prim, Sampler(code), aspect, self._faults)
+        state = self._state(code)
+        state.tree.update(code)
+        return framing_camera(self._framed(state.draws.at(code)), UsdGeom.GetStageUpAxis(self.stage), aspect)
+
+    def _framed(self, draws: tuple[Draw, ...]) -> tuple[Draw, ...]:
+        """Draws of the default prim, unless there is a mask, or nothing below it."""
+        default_prim = self.stage.GetDefaultPrim()
+        if self._mask or not default_prim:
+            return draws
+        path = str(default_prim.GetPath())
+        return tuple(d for d in draws if d.path == path or d.path.startswith(f"{path}/")) or draws
 
     def _state(self, code: Usd.TimeCode) -> _State:
         state = self._states.get(code.IsDefault())
