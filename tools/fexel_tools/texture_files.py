@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from itertools import chain
 from pathlib import Path
 
 import numba
@@ -38,6 +39,7 @@ _WORKERS = 2
 # Weight that transparent texels keep in the colour of coarser levels of straight-alpha files: there it is the average
 # colour and not black. 1e-5 shifts the colour of a texel of alpha 1/255 by less than 1/255.
 _TRANSPARENT_WEIGHT = np.float32(1e-5)
+_LARGEST_HALF = np.float32(65504)
 _STEPS = 4096  # of the sRGB table over the square root of the linear value; linear interpolation errs by 3e-7
 
 
@@ -56,7 +58,7 @@ def write_texture(
     path : str or Path
         ``.tif`` or ``.tiff`` for 8 and 16 bits, ``.exr`` for ``"half"`` and ``"float"``.
     rgb : (H, W, 3) or (H, W) float
-        Linear Rec.709 (or data, for ``raw``), straight alpha. Integer formats clip to [0, 1]. Texels with a non-finite
+        Linear Rec.709 (or data, for ``raw``), straight alpha. Integer formats clip to [0, 1], half floats to +-65504. Texels with a non-finite
         value become transparent (black where there is no alpha).
     alpha : (H, W) float, optional
         In [0, 1]; with it the rim of every level is transparent. Without it the file has no alpha channel: a root.
@@ -148,20 +150,15 @@ def _checked(path: str, rgb: np.ndarray, alpha: np.ndarray | None) -> tuple[np.n
 def _encoded_levels(rgb: np.ndarray, alpha: np.ndarray | None, dtype: str, color_space: str) -> Iterator[np.ndarray]:
     """File values of every level."""
     if dtype.startswith("float"):
-        first = _premultiplied(rgb, alpha, np.float32(0))
-        yield _rimmed(first, alpha)
-        for level in texture_levels(rgb, alpha):
-            yield _rimmed(level, alpha)
+        for level in chain([_premultiplied(rgb, alpha, np.float32(0))], texture_levels(rgb, alpha)):
+            level = level if alpha is None else clear_rim(level)
+            yield level.clip(-_LARGEST_HALF, _LARGEST_HALF) if dtype == "float16" else level
         return
     yield _rimmed_alpha(encode(rgb, alpha, dtype, color_space))
     for level in texture_levels(rgb, alpha, _TRANSPARENT_WEIGHT if alpha is not None else 0.0):
         straight = level[:, :, :3] if alpha is None else level[:, :, :3] / level[:, :, 3:]
         opacity = None if alpha is None else level[:, :, 3] - _TRANSPARENT_WEIGHT
         yield _rimmed_alpha(encode(straight, opacity, dtype, color_space))
-
-
-def _rimmed(level: np.ndarray, alpha: np.ndarray | None) -> np.ndarray:
-    return level if alpha is None else clear_rim(level)
 
 
 def _rimmed_alpha(level: np.ndarray) -> np.ndarray:
