@@ -14,6 +14,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import chain, islice
 
 import numpy as np
 import OpenImageIO as oiio
@@ -345,20 +346,23 @@ def write_pyramid(
         The file cannot be written.
     """
     exr = path.lower().endswith(".exr")
+    levels = iter(levels)  # one at a time: they need not be in memory together
+    first = list(islice(levels, 2))
+    several = len(first) > 1
     stem, extension = os.path.splitext(path)
     beside = f"{stem}.{os.getpid()}.part{extension}"
     writer = oiio.ImageOutput.create(beside)
     if writer is None:
         raise FexelError(f"{path}: {_reason(oiio.geterror())}")
     try:
-        for level, image in enumerate(levels):
+        for level, image in enumerate(chain(first, levels)):
             height, width, channels = image.shape
             spec = oiio.ImageSpec(width, height, channels, _oiio_type(dtype))
             spec.tile_width = spec.tile_height = tile
             spec.attribute("compression", "zip")
-            spec.attribute(
-                "textureformat", "Plain Texture"
-            )  # by this a TIFF's further images are known as its mip levels
+            if several:
+                # By this a TIFF's further images are known as its mip levels, and an EXR announces all of them.
+                spec.attribute("textureformat", "Plain Texture")
             spec.attribute("oiio:ColorSpace", "srgb_rec709_scene" if color_space == "sRGB" else "lin_rec709_scene")
             if not exr and channels == 4:
                 spec.alpha_channel = 3
