@@ -28,13 +28,7 @@ app = typer.Typer(
 )
 
 for _name in _COMMANDS:
-    try:
-        _module = importlib.import_module(f"{__name__}.{_name}")
-    except ModuleNotFoundError as error:  # TODO(foundation): remove once all commands exist
-        if error.name != f"{__name__}.{_name}":
-            raise
-        continue
-    _module.register(app)
+    importlib.import_module(f"{__name__}.{_name}").register(app)
 
 
 def main() -> None:
