@@ -32,10 +32,10 @@ import cv2
 import numpy as np
 
 from fexel.errors import FexelError
+from fexel_tools.authoring import PlannedPatch, ZipmapOptions, author_stage, check_options, prim_names
 from fexel_tools.coverage import clip_convex, rectangle
 from fexel_tools.photos import probe_photo
 from fexel_tools.progress import Progress
-from fexel_tools.zipmap import PlannedPatch, ZipmapOptions, author_stage, check_options, prim_names
 
 __all__ = ["place_zipmap", "read_layout"]
 

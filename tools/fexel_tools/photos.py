@@ -8,10 +8,7 @@ else are those of the photo as displayed. Images are (H, W, 3) float32, linear R
 are replicated. Alpha is (H, W) float32 in 0..1, never multiplied into the colours (associated files are divided on
 reading).
 
-Colour spaces: what the file says (OpenImageIO's ``oiio:ColorSpace``, which knows CICP, EXR interop ids and PNG chunks;
-else a known name in the ICC profile; else EXIF's Adobe RGB flag; else an EXR's chromaticities). Without a statement
-integers are sRGB-encoded and floats linear, as USD's ``auto`` has it. An unknown ICC profile is read as sRGB, with
-a warning.
+Colour spaces: see `photo_color`.
 """
 
 from __future__ import annotations
@@ -25,28 +22,12 @@ import numpy as np
 import OpenImageIO as oiio
 
 from fexel.errors import FexelError, FexelWarning
-from fexel.images import linear_to_srgb, srgb_to_linear
+from fexel.images import linear_to_srgb
+from fexel_tools.photo_color import SRGB_NAMES, decode_srgb_uint8, file_color_space, to_linear_rec709
 
 __all__ = ["MIN_SIDE_PX", "Photo", "load_photo", "load_preview", "probe_photo"]
 
 MIN_SIDE_PX = 16  # below this neither features nor a patch with a rim can be had
-
-_SRGB = ("srgb_rec709_scene", "sRGB", "srgb_rec709_display")
-_LINEAR = (
-    "lin_rec709_scene",
-    "lin_srgb",
-    "scene_linear",
-    "Linear",
-    "linear",
-    "lin_rec709",
-)
-_ICC_NAMES = {  # part of a profile's description, lower case -> a colour space of OpenImageIO's built-in configuration
-    "srgb": "srgb_rec709_scene",
-    "display p3": "srgb_p3d65_scene",
-    "adobe rgb": "g22_adobergb_scene",
-    "adobergb": "g22_adobergb_scene",
-}
-_REC709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
 
 
 @dataclass(frozen=True)
@@ -94,7 +75,7 @@ class Photo:
     @property
     def is_srgb(self) -> bool:
         """Whether the stored values are sRGB-encoded Rec.709."""
-        return self.color_space in _SRGB
+        return self.color_space in SRGB_NAMES
 
 
 def probe_photo(file: str | Path) -> Photo:
@@ -118,7 +99,7 @@ def probe_photo(file: str | Path) -> Photo:
     orientation = int(spec.get_int_attribute("Orientation", 1))
     orientation = orientation if 1 <= orientation <= 8 else 1
     width, height = spec.full_width, spec.full_height
-    color_space, chromaticities = _color_space(file, spec)
+    color_space, chromaticities = file_color_space(file, spec, _pixel_type(spec) in ("half", "float"))
     return Photo(
         file=file,
         width=height if orientation >= 5 else width,
@@ -163,7 +144,7 @@ def load_photo(photo: Photo) -> tuple[np.ndarray, np.ndarray | None]:
         color, alpha = _without_nan(photo, color, alpha)
         alpha = None if alpha is None else np.clip(alpha, 0.0, 1.0)
     if color.dtype == np.uint8 and photo.is_srgb and not photo.associated_alpha:
-        rgb = _decode_srgb_uint8(color)
+        rgb = decode_srgb_uint8(color)
     else:
         color = color.astype(np.float32) / 255.0 if color.dtype == np.uint8 else color
         rgb = _to_linear(photo, color, alpha)
@@ -264,39 +245,6 @@ def _unassociated(format_name: str, spec: oiio.ImageSpec) -> bool:
     )  # PNG, WebP, Targa and their like store it so by definition
 
 
-def _color_space(file: str, spec: oiio.ImageSpec) -> tuple[str, tuple[float, ...] | None]:
-    is_float = _pixel_type(spec) in ("half", "float")
-    icc = _icc_space(file, spec)
-    if icc:
-        return icc, None
-    stated = spec.get_string_attribute("oiio:ColorSpace") or spec.get_string_attribute("colorInteropID")
-    if spec.get_int_attribute("Exif:ColorSpace", 1) == 2:
-        return "g22_adobergb_scene", None
-    if stated in _SRGB or stated in _LINEAR:
-        return ("srgb_rec709_scene" if stated in _SRGB else "lin_rec709_scene"), None
-    if stated and oiio.ColorConfig().getColorSpaceIndex(stated) >= 0:
-        return stated, None
-    chromaticities = spec.getattribute("chromaticities")
-    if chromaticities is not None and len(chromaticities) == 8 and not np.allclose(chromaticities, _REC709, atol=2e-3):
-        return "chromaticities", tuple(float(c) for c in chromaticities)
-    return ("lin_rec709_scene" if is_float else "srgb_rec709_scene"), None
-
-
-def _icc_space(file: str, spec: oiio.ImageSpec) -> str:
-    if spec.getattribute("ICCProfile") is None:
-        return ""
-    description = spec.get_string_attribute("ICCProfile:profile_description")
-    for part, space in _ICC_NAMES.items():
-        if part in description.lower():
-            return space
-    warnings.warn(
-        f"{file}: ICC profile '{description}' is not known, read as sRGB",
-        FexelWarning,
-        stacklevel=4,
-    )
-    return "srgb_rec709_scene"
-
-
 def _read_pixels(photo: Photo, pixel_type: oiio.BASETYPE) -> np.ndarray:
     """The channels of the photo, as stored, in the display window: (H, W, C), not yet upright."""
     image = _open(photo.file)
@@ -344,57 +292,13 @@ def _without_nan(photo: Photo, color: np.ndarray, alpha: np.ndarray | None) -> t
     return np.where(good[..., None], color, np.float32(0.0)), np.where(good, alpha, np.float32(0.0))
 
 
-def _decode_srgb_uint8(color: np.ndarray) -> np.ndarray:
-    return _SRGB_TABLE[color]
-
-
-_SRGB_TABLE = srgb_to_linear(np.arange(256) / np.float32(255))
-
-
 def _to_linear(photo: Photo, color: np.ndarray, alpha: np.ndarray | None) -> np.ndarray:
     if photo.associated_alpha and alpha is not None:
         color = np.where(alpha[..., None] > 0.0, color / np.maximum(alpha, 1e-6)[..., None], 0.0).astype(np.float32)
-    if photo.is_srgb:
-        linear = srgb_to_linear(color)
-    elif photo.color_space in _LINEAR:
-        linear = color
-    elif photo.chromaticities:
-        linear = color if color.shape[2] == 1 else color @ _rec709_from(photo.chromaticities).T.astype(np.float32)
-    else:
-        linear = _convert_color(photo, color)
-    return np.maximum(linear, 0.0)
-
-
-def _convert_color(photo: Photo, color: np.ndarray) -> np.ndarray:
-    rgb = np.repeat(color, 3, axis=2) if color.shape[2] == 1 else color
-    height, width = rgb.shape[:2]
-    source = oiio.ImageBuf(np.ascontiguousarray(rgb, np.float32))
-    result = oiio.ImageBufAlgo.colorconvert(source, photo.color_space, "lin_rec709_scene", unpremult=False)
-    if result.has_error:
-        raise FexelError(f"{photo.file}: colour space '{photo.color_space}': {_one_line(result.geterror())}")
-    return np.asarray(result.get_pixels(oiio.FLOAT)).reshape(height, width, 3)
-
-
-def _rec709_from(chromaticities: tuple[float, ...]) -> np.ndarray:
-    """(3, 3) float64, column vectors: linear RGB with these primaries and white to linear Rec.709 (Bradford)."""
-
-    def to_xyz(xy: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
-        points = np.asarray(xy, np.float64).reshape(4, 2)
-        xyz = np.column_stack([points, 1.0 - points.sum(axis=1)]) / points[:, 1:]
-        return xyz[:3].T * np.linalg.solve(xyz[:3].T, xyz[3]), xyz[3]
-
-    source, source_white = to_xyz(chromaticities)
-    target, target_white = to_xyz(_REC709)
-    bradford = np.array(
-        [
-            [0.8951, 0.2664, -0.1614],
-            [-0.7502, 1.7135, 0.0367],
-            [0.0389, -0.0685, 1.0296],
-        ]
-    )
-    gain = (bradford @ target_white) / (bradford @ source_white)
-    adapt = np.linalg.solve(bradford, gain[:, None] * bradford)
-    return np.linalg.solve(target, adapt @ source)
+    try:
+        return to_linear_rec709(color, photo.color_space, photo.chromaticities)
+    except FexelError as error:
+        raise FexelError(f"{photo.file}: {error}") from None
 
 
 def _upright(image: np.ndarray, orientation: int) -> np.ndarray:

@@ -17,12 +17,12 @@ from pxr import Sdf, Usd, UsdGeom
 import fexel
 from fexel.errors import FexelError
 from fexel.stage import open_stage
+from fexel_tools.authoring import ZipmapOptions, prim_names
 from fexel_tools.inspect import zipmap_roots
 from fexel_tools.patches import PatchJob, write_textures
 from fexel_tools.photos import Photo, probe_photo
 from fexel_tools.progress import Progress, silent
 from fexel_tools.staged_output import StagedOutput, staged_output
-from fexel_tools.zipmap import ZipmapOptions, prim_names
 from fexel_tools.zipmap_stage import st_from_pixels
 
 __all__ = ["complete_stage"]

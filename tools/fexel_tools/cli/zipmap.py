@@ -76,7 +76,7 @@ def _zipmap(
 
 
 def _options(root, max_error, tau, fallback_size, primitive, mesh, bits, jobs, min_gain, match_colors):
-    from fexel_tools.zipmap import ZipmapOptions
+    from fexel_tools.authoring import ZipmapOptions
 
     return ZipmapOptions(
         root=root,

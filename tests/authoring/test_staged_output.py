@@ -1,0 +1,93 @@
+"""Output appears whole or not at all, and never destroys what is not its own."""
+
+from __future__ import annotations
+
+import os
+
+import pytest
+from pxr import Sdf
+
+from fexel.errors import FexelError
+from fexel_tools.staged_output import check_output, staged_output
+
+
+def write(out, text, texture="t.tif"):
+    with staged_output(out) as staged:
+        staged.stage.write_text(f"#usda 1.0\n# {text}\n", "utf-8")
+        (staged.textures / texture).write_text(text, "utf-8")
+
+
+def write_and_fail(out, error):
+    with staged_output(out) as staged:
+        staged.stage.write_text("half", "utf-8")
+        (staged.textures / "t.tif").write_text("half", "utf-8")
+        raise error
+
+
+def test_stage_and_textures_appear_together(tmp_path):
+    write(tmp_path / "a.usda", "one")
+    assert {p.name for p in tmp_path.iterdir()} == {"a.usda", "a_textures"}
+    assert (tmp_path / "a_textures" / "t.tif").read_text() == "one"
+
+
+def test_failure_leaves_nothing(tmp_path):
+    with pytest.raises(KeyboardInterrupt):
+        write_and_fail(tmp_path / "a.usda", KeyboardInterrupt)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_failure_leaves_the_earlier_output(tmp_path):
+    write(tmp_path / "a.usda", "one")
+    with pytest.raises(MemoryError):
+        write_and_fail(tmp_path / "a.usda", MemoryError)
+    assert (tmp_path / "a_textures" / "t.tif").read_text() == "one"
+    assert "one" in (tmp_path / "a.usda").read_text()
+
+
+def test_second_run_replaces_the_first_and_its_textures(tmp_path):
+    write(tmp_path / "a.usda", "one", "old.tif")
+    layer = Sdf.Layer.FindOrOpen(str(tmp_path / "a.usda"))
+    write(tmp_path / "a.usda", "two", "new.tif")
+    assert [p.name for p in (tmp_path / "a_textures").iterdir()] == ["new.tif"]
+    assert {p.name for p in tmp_path.iterdir()} == {"a.usda", "a_textures"}
+    assert "two" in (tmp_path / "a.usda").read_text()
+    assert not layer.dirty
+
+
+def test_missing_stage_file_counts_as_failure(tmp_path):
+    write(tmp_path / "a.usda", "one")
+    with pytest.raises(FexelError, match=r"a\.usda"), staged_output(tmp_path / "a.usda"):
+        pass
+    assert (tmp_path / "a_textures" / "t.tif").read_text() == "one"
+
+
+def test_folder_of_the_users_own_is_not_touched(tmp_path):
+    (tmp_path / "a_textures").mkdir()
+    (tmp_path / "a_textures" / "holiday.tif").write_text("mine", "utf-8")
+    with pytest.raises(FexelError, match="a_textures: is in the way"):
+        write(tmp_path / "a.usda", "one")
+    assert (tmp_path / "a_textures" / "holiday.tif").read_text() == "mine"
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("a.png", "'.png', expected one of .usda, .usdc, .usd"),
+        ("a", "expected one of"),
+        ("a.usdz", "usdzip"),
+        ("gone/a.usda", "does not exist"),
+        ("folder.usda", "is a folder"),
+    ],
+)
+def test_bad_output_is_told_before_any_work(tmp_path, name, message):
+    (tmp_path / "folder.usda").mkdir()
+    with pytest.raises(FexelError, match=message):
+        check_output(tmp_path / name)
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
+def test_unwritable_folder_is_told_before_any_work(tmp_path):
+    tmp_path.chmod(0o555)
+    with pytest.raises(FexelError, match="cannot be written to"):
+        check_output(tmp_path / "a.usda")
+    tmp_path.chmod(0o755)
