@@ -70,7 +70,7 @@ def _ocio_config():
     if not file:
         raise FexelError("colorCorrectionMode openColorIO: set the environment variable OCIO to a configuration")
     config = oiio.ColorConfig(file)
-    error = config.geterror() if config.has_error() else ""
+    error = config.geterror()
     if error or not config.getDisplayNames():
         raise FexelError(f"{file}: not a usable OpenColorIO configuration: {_one_line(error) or 'it has no display'}")
     return config

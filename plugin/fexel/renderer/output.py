@@ -26,21 +26,22 @@ _ROWS = 256  # written at a time, so that a big image needs no second copy in me
 
 @dataclass(frozen=True)
 class _Format:
-    """`pixel_type`: of OpenImageIO; `alpha`: whether the format keeps one; `linear`: whether it holds linear light."""
+    """`pixel_type`: of OpenImageIO; `alpha`, `grey`: whether it keeps such channels; `linear`: holds linear light."""
 
     pixel_type: str
     alpha: bool = False
     linear: bool = False
+    grey: bool = False
 
 
 FORMATS = {
     ".exr": _Format("half", alpha=True, linear=True),
     ".hdr": _Format("float", linear=True),
-    ".png": _Format("uint8", alpha=True),
-    ".tif": _Format("uint16", alpha=True),
-    ".tiff": _Format("uint16", alpha=True),
-    ".jpg": _Format("uint8"),
-    ".jpeg": _Format("uint8"),
+    ".png": _Format("uint8", alpha=True, grey=True),
+    ".tif": _Format("uint16", alpha=True, grey=True),
+    ".tiff": _Format("uint16", alpha=True, grey=True),
+    ".jpg": _Format("uint8", grey=True),
+    ".jpeg": _Format("uint8", grey=True),
     ".webp": _Format("uint8", alpha=True),
     ".tga": _Format("uint8", alpha=True),
     ".bmp": _Format("uint8"),
@@ -164,7 +165,7 @@ def _write_single(path: Path, name: str, image: np.ndarray, correction: ColorCor
             corrected = _corrected(part, correction, straight=form.alpha)
             return corrected if form.alpha else corrected[..., :3]
         shown = part if form.linear and name != "st" else visible_data(name, part, extent)
-        return shown if shown.shape[-1] == 3 or form.pixel_type.startswith("uint") else np.repeat(shown[..., :1], 3, -1)
+        return shown if shown.shape[-1] == 3 or form.grey else np.repeat(shown[..., :1], 3, -1)
 
     probe = rows(0, 1)
     spec = oiio.ImageSpec(image.shape[1], image.shape[0], probe.shape[-1], form.pixel_type)

@@ -141,7 +141,7 @@ def _with_options(target: RenderTarget, options: RecordOptions) -> RenderTarget:
     checked_aovs(aovs)
     width, height = target.width, target.height
     if options.width is not None or options.height is not None:
-        width, height = options.width or DEFAULT_WIDTH_PX, options.height
+        width, height = options.width, options.height
     return replace(
         target,
         camera=options.camera or target.camera,
