@@ -27,7 +27,6 @@ from fexel_tools.progress import Progress, silent
 
 __all__ = ["find_links", "likeness"]
 
-_PREVIEW_PIXELS = 6_000_000  # decoded photos are reduced to this before features are sought, which saves memory
 _ALL_PAIRS = 5
 _LINKS_WANTED = 3
 _TRIES = 6
@@ -109,7 +108,7 @@ def _analyse_all(photos: list[Photo], jobs: int, step: Progress) -> list[_Analys
 
 def _analyse(photo: Photo) -> _Analysed:
     try:
-        preview = load_preview(photo, _PREVIEW_PIXELS)
+        preview = load_preview(photo)
     except FexelError as error:
         return _Analysed(None, b"", str(error).removeprefix(f"{photo.file}: "))
     fingerprint = hashlib.sha256(repr(preview.shape).encode() + preview.tobytes()).digest()
@@ -119,21 +118,7 @@ def _analyse(photo: Photo) -> _Analysed:
     if len(features.points) < _FEWEST_FEATURES:
         problem = f"{len(features.points)} features found, too few to be matched"
         return _Analysed(None, fingerprint, problem)
-    return _Analysed(_in_photo_pixels(features, photo, preview.shape), fingerprint, "")
-
-
-def _in_photo_pixels(features: Features, photo: Photo, shape: tuple[int, ...]) -> Features:
-    """Features of a reduced preview, in pixels of the photo."""
-    from dataclasses import replace
-
-    per_pixel = np.array([photo.width / shape[1], photo.height / shape[0]])
-    return replace(
-        features,
-        width=photo.width,
-        height=photo.height,
-        points=features.points * per_pixel,
-        sizes=features.sizes * np.sqrt(per_pixel.prod()),
-    )
+    return _Analysed(features, fingerprint, "")
 
 
 def _reject(numbers: list[int], analysed: list[_Analysed], photos: list[Photo | None]) -> dict[int, str]:
