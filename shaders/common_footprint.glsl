@@ -32,8 +32,10 @@ float footprint_probes(Footprint f, float maxProbes)
     return clamp(ceil(f.majorAxis / max(f.minorAxis, 1e-30) - 0.25), 1.0, maxProbes);
 }
 
-// Real-valued mip level at which a texel is as wide as one of the probes; negative when magnified.
-float footprint_level(Footprint f, float probes)
+// Real-valued mip level at which a texel is as wide as the minor axis, or as the share of the major axis that each of the
+// most probes allowed has to cover; negative when magnified. It does not depend on the number of probes taken, so it is
+// continuous.
+float footprint_level(Footprint f, float maxProbes)
 {
-    return log2(max(max(f.minorAxis, f.majorAxis / probes), 1e-30));  // 1e-30 keeps log2 finite
+    return log2(max(max(f.minorAxis, f.majorAxis / maxProbes), 1e-30));  // 1e-30 keeps log2 finite
 }

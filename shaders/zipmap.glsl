@@ -2,7 +2,7 @@
 // Requires common_footprint.glsl. Provides zipmap_sample.
 //
 // Defines: ZIPMAP_SLOTS textures of the material; ZIPMAP_LEVELS 1 where every image is seen at one mip level only, else 2;
-// ZIPMAP_PROBES 1 for anisotropic filtering; ZIPMAP_SRGB, ZIPMAP_RAW, ZIPMAP_HALF which pages there are.
+// ZIPMAP_PROBES 1 for anisotropic filtering; ZIPMAP_SRGB, ZIPMAP_HALF which pages there are.
 //
 // zipmapRecords (RGBA32F, ZIPMAP_ROW texels per row) holds, written by fexel/textures/records.py:
 //   node    leaf: (first record, number of records, 0, 0); inner: (first child, -children per axis, 0, 0)
@@ -12,7 +12,10 @@
 // Records of a leaf follow each other front to back; the last one is the root, opaque or not.
 //
 // llvmpipe runs 8 pixels in step, a branch skips nothing, and a loop ends when all are done. Hence do-while loops, which
-// never run once too often, and a search by arithmetic alone before each fetch.
+// never run once too often, and a search by arithmetic alone before each fetch. Mesa 22.3 goes on computing temporaries for
+// pixels that have left a loop, from variables that already have their new values: so what is read after a loop must be
+// assigned in a way that a repetition of its last round does not change. The searches below do not advance in their last
+// round for that reason.
 #include "common_footprint.glsl"
 
 #define ZIPMAP_ROW_BITS 10
@@ -25,9 +28,6 @@ uniform sampler2D zipmapRecords;
 #if ZIPMAP_SRGB
 uniform sampler2D zipmapPagesSrgb;
 #endif
-#if ZIPMAP_RAW
-uniform sampler2D zipmapPagesRaw;
-#endif
 #if ZIPMAP_HALF
 uniform sampler2D zipmapPagesHalf;
 #endif
@@ -36,7 +36,7 @@ uniform ivec4 zipmapTree[ZIPMAP_SLOTS];      // first node, cells along s, cells
 uniform vec4 zipmapWrap[ZIPMAP_SLOTS];       // wrap mode of the root along s, t
 uniform vec4 zipmapScale[ZIPMAP_SLOTS];
 uniform vec4 zipmapBias[ZIPMAP_SLOTS];
-uniform vec4 zipmapHalfTexel[3];             // xy: half a texel in page coordinates, per page class
+uniform vec4 zipmapHalfTexel[2];             // xy: half a texel in page coordinates, per page class
 uniform float zipmapMaxProbes;
 
 // Coverage left below which nothing further back can change an 8-bit result.
@@ -57,14 +57,16 @@ ivec2 zipmap_leaf(int slot, vec2 st)
     vec2 inside = position - cell;
     int index = zipmapTree[slot].x + int(cell.y) * zipmapTree[slot].y + int(cell.x);
     vec4 node;
+    bool isInner;
     do {
         node = zipmap_fetch(index);
+        isInner = node.y < 0.0;
         float children = -node.y;
         position = inside * children;
         cell = min(floor(position), children - 1.0);
-        inside = position - cell;
-        index = int(node.x) + int(cell.y) * int(children) + int(cell.x);
-    } while (node.y < 0.0);
+        inside = isInner ? position - cell : inside;
+        index = isInner ? int(node.x) + int(cell.y) * int(children) + int(cell.x) : index;
+    } while (isInner);
     return ivec2(node.xy);
 }
 
@@ -77,7 +79,7 @@ float zipmap_wrap(float x, float size, float mode)
     return mode == ZIPMAP_REPEAT ? repeated : mode == ZIPMAP_MIRROR ? mirrored : mode == ZIPMAP_CLAMP ? clamp(x, 0.0, size) : x;
 }
 
-// One bilinear fetch. texel: of level 0; size: of level 0; level: its record; pageClass 0 sRGB, 1 raw, 2 half.
+// One bilinear fetch. texel: of level 0; size: of level 0; level: its record; pageClass 0 sRGB, 1 half.
 // Outside of the image the coordinate stops at the centre of the border texel, which is zero for patches.
 vec4 zipmap_texel(vec2 texel, vec2 size, vec4 level, int pageClass)
 {
@@ -88,15 +90,10 @@ vec4 zipmap_texel(vec2 texel, vec2 size, vec4 level, int pageClass)
     vec2 halfSrgb = zipmapHalfTexel[0].xy;
     result = textureLod(zipmapPagesSrgb, clamp(page, level.zw - halfSrgb, end + halfSrgb), 0.0);
 #endif
-#if ZIPMAP_RAW
-    vec2 halfRaw = zipmapHalfTexel[1].xy;
-    vec4 raw = textureLod(zipmapPagesRaw, clamp(page, level.zw - halfRaw, end + halfRaw), 0.0);
-    result = ZIPMAP_SRGB == 0 || pageClass == 1 ? raw : result;
-#endif
 #if ZIPMAP_HALF
-    vec2 halfHalf = zipmapHalfTexel[2].xy;
+    vec2 halfHalf = zipmapHalfTexel[1].xy;
     vec4 high = textureLod(zipmapPagesHalf, clamp(page, level.zw - halfHalf, end + halfHalf), 0.0);
-    result = ZIPMAP_SRGB + ZIPMAP_RAW == 0 || pageClass == 2 ? high : result;
+    result = ZIPMAP_SRGB == 0 || pageClass == 1 ? high : result;
 #endif
     return result;
 }
@@ -122,17 +119,15 @@ vec4 zipmap_sample(int slot, vec2 st, vec2 dstdx, vec2 dstdy, out float lod, out
         vec2 texel, dx, dy;
         bool covers;
         int codes;
-        int record;
+        int following;
         do {
-            record = next;
-            rowX = zipmap_fetch(record);
-            rowY = zipmap_fetch(record + 1);
-            rowW = zipmap_fetch(record + 2);
+            rowX = zipmap_fetch(next);
+            rowY = zipmap_fetch(next + 1);
+            rowW = zipmap_fetch(next + 2);
             mapped = vec3(dot(rowX.xyz, position), dot(rowY.xyz, position), dot(rowW.xyz, position));
             texel = mapped.xy / mapped.z;
             codes = int(rowW.w);
-            next = record + 5 + ((codes >> 4) & 15) - (codes & 15);
-            left--;
+            following = next + 5 + ((codes >> 4) & 15) - (codes & 15);
             vec2 reach = vec2(0.0);
 #if ZIPMAP_LEVELS > 1 || ZIPMAP_PROBES
             // Exact Jacobian of the projective map: d(xy / w) = (d(xy) - xy / w d(w)) / w.
@@ -144,11 +139,16 @@ vec4 zipmap_sample(int slot, vec2 st, vec2 dstdx, vec2 dstdy, out float lod, out
 #endif
             bvec2 low = greaterThanEqual(texel, -reach);
             bvec2 high = lessThanEqual(texel, vec2(rowX.w, rowY.w) + reach);
-            covers = mapped.z > 0.0 && all(low) && all(high) && left > 0 || left <= 0;
+            covers = mapped.z > 0.0 && all(low) && all(high) || left <= 1;
+            next = covers ? next : following;
+            left = covers ? left : left - 1;
         } while (!covers);
 
+        int record = next;
+        bool isRoot = left <= 1;
+        next = following;
+        left--;
         vec2 size = vec2(rowX.w, rowY.w);
-        bool isRoot = left <= 0;
         vec2 wrapped = vec2(zipmap_wrap(texel.x, size.x, wrap.x), zipmap_wrap(texel.y, size.y, wrap.y));
         vec2 place = isRoot ? wrapped : texel;
         int finest = codes & 15;
@@ -162,10 +162,8 @@ vec4 zipmap_sample(int slot, vec2 st, vec2 dstdx, vec2 dstdy, out float lod, out
         Footprint footprint = make_footprint(dx, dy);
 #if ZIPMAP_PROBES
         float probes = footprint_probes(footprint, zipmapMaxProbes);
-#else
-        float probes = 1.0;
 #endif
-        float level = footprint_level(footprint, probes);
+        float level = footprint_level(footprint, zipmapMaxProbes);
         float used = clamp(level, float(finest), float(coarsest));
         int fine = int(used);
         float blend = used - float(fine);

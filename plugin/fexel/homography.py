@@ -1,10 +1,10 @@
 """Projective maps of the plane in float64: compose, invert, apply, normalise, measure.
 
-A homography is a (3, 3) matrix for row vectors as in USD: ``[s t w] = [s0 t0 1] @ matrix``, then divide by w. Products read
-from left to right: ``root_to_patch = root_to_parent @ parent_to_patch``. All functions broadcast over leading axes.
-A point with w <= 0 lies at or behind infinity and has no image. Only the ratio of the nine numbers matters; the sign is
-fixed by `normalize`, which makes w = 1 at the centre of the patch (fixing the last element at 1 instead can leave w < 0
-inside the patch).
+A homography is a (3, 3) matrix for row vectors as in USD: ``[s t w] = [s0 t0 1] @ matrix``, then divide by w. Products
+read from left to right: ``root_to_patch = root_to_parent @ parent_to_patch``. All functions broadcast over leading
+axes. A point with w <= 0 lies at or behind infinity and has no image. Only the ratio of the nine numbers matters; the
+sign is fixed by `normalize`, which makes w = 1 at the centre of the patch (fixing the last element at 1 instead can
+leave w < 0 inside the patch).
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ __all__ = [
 
 UNIT_SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
 
-# A patch whose map is worse conditioned than this (after scaling its footprint to size one) has no usable inverse in float64.
+# A map worse conditioned than this (after scaling its rows and columns to length one) has no usable inverse in float64.
 _SINGULAR = 1e-12
 # Smallest w, relative to its value at the patch's centre, that counts as in front of infinity.
 _MIN_W = 1e-12
@@ -159,7 +159,7 @@ def unit_square_bounds(root_to_patch: ArrayLike) -> NDArray[np.float64]:
 
 
 def corner_error(matrix: ArrayLike, truth: ArrayLike, corners: ArrayLike = UNIT_SQUARE) -> float:
-    """Largest distance between the images of `corners` under two maps, in units of the target; inf where one has none."""
+    """Largest distance between the images of `corners` under two maps, in units of the target; inf where there is none."""
     a, b = apply(matrix, corners), apply(truth, corners)
     distance = np.linalg.norm(a - b, axis=-1)
     return float(np.where(np.isnan(distance), np.inf, distance).max())

@@ -1,9 +1,10 @@
-"""Images through OpenImageIO: what a file holds, one mip level or window of it, linear premultiplied float from any of them.
+"""Images through OpenImageIO: what a file holds, one mip level or window of it, linear premultiplied float from any of
+them.
 
-Colour: `sRGB` files are decoded with the sRGB transfer function, `raw` files are taken as they are. Alpha: what comes out is
-always premultiplied (associated) in linear light. PNG and other files with unassociated alpha are decoded, then
-multiplied. Files whose alpha is associated and whose values are sRGB-encoded are divided by alpha first, since they were
-encoded after multiplying. EXR and other float files may hold NaN, infinities and negative alpha: NaN becomes 0,
+Colour: `sRGB` files are decoded with the sRGB transfer function, `raw` files are taken as they are. Alpha: what comes
+out is always premultiplied (associated) in linear light. PNG and other files with unassociated alpha are decoded, then
+multiplied. Files whose alpha is associated and whose values are sRGB-encoded are divided by alpha first, since they
+were encoded after multiplying. EXR and other float files may hold NaN, infinities and negative alpha: NaN becomes 0,
 infinities the largest half float (65504), alpha is clamped to [0, 1]; so no such value reaches a filter.
 
 Rows run down from the top, as in the file.
@@ -290,7 +291,9 @@ def _as_float(values: NDArray) -> NDArray[np.float32]:
 
 
 def read_linear(path: str, color_space: str = "auto") -> NDArray[np.float32]:
-    """A whole file as (H, W, 4) float32, linear, premultiplied. Raises `FexelError` as `image_info` and `read_pixels` do."""
+    """A whole file as (H, W, 4) float32, linear, premultiplied. Raises `FexelError` as `image_info` and `read_pixels`
+    do.
+    """
     info = image_info(path)
     return to_linear(read_pixels(info), info, color_space)
 

@@ -1,10 +1,10 @@
 """Mip pyramids in linear, premultiplied float: area-exact for any size, rims cleared for patches.
 
-Level l has ``max(1, size >> l)`` texels per axis. Each texel of a level is the mean of the level above over exactly the area it
-covers: for odd sizes that is a box of 2 + 1/n texels with fractional weights, so no level is shifted or cropped. Every
-level of a patch is computed from the *clean* level above and its rim is cleared afterwards (Eisemann and Magnor 2010,
-section 3: zero alpha on the border of every mip level); clearing first would fade the patch twice as far in at every
-level. Filtering premultiplied colour is what leaves no dark seam.
+Level l has ``max(1, size >> l)`` texels per axis. Each texel of a level is the mean of the level above over exactly the
+area it covers: for odd sizes that is a box of 2 + 1/n texels with fractional weights, so no level is shifted or
+cropped. Every level of a patch is computed from the *clean* level above and its rim is cleared afterwards (Eisemann and
+Magnor 2010, section 3: zero alpha on the border of every mip level); clearing first would fade the patch twice as far
+in at every level. Filtering premultiplied colour is what leaves no dark seam.
 
 Images are (rows, columns, channels), row 0 at the top.
 """
@@ -78,10 +78,11 @@ def pyramid(image: NDArray[np.floating], levels: int | None = None) -> list[NDAr
     image : (H, W, C) float
         Linear, premultiplied.
     levels : int, optional
-        Stop after so many; default down to 1x1.
+        Stop after at most so many; default down to 1x1.
     """
     image = np.asarray(image, np.float32)
     result = [image]
-    for _ in range((levels or level_count(image.shape[1], image.shape[0])) - 1):
+    count = level_count(image.shape[1], image.shape[0])
+    for _ in range(min(levels or count, count) - 1):
         result.append(halve(result[-1]))
     return result

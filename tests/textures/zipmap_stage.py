@@ -16,7 +16,17 @@ from fexel.scene.model import Draw, Material, Mesh, Texture
 from fexel.textures import extract_texture
 from fexel.textures.system import TextureRequest, TextureSystem
 
-__all__ = ["Patch", "front_view", "quad", "render_texture", "save", "tilted_view", "zipmap_stage", "zipmap_texture"]
+__all__ = [
+    "Patch",
+    "front_view",
+    "lookup_texture",
+    "quad",
+    "render_texture",
+    "save",
+    "tilted_view",
+    "zipmap_stage",
+    "zipmap_texture",
+]
 
 
 @dataclass(frozen=True)
@@ -118,11 +128,49 @@ def render_texture(
     result = np.concatenate(
         [np.frombuffer(t.read(), np.float32).reshape(view.height, view.width, 4) for t in targets], -1
     )
+    gl.detect_framebuffer(0).use()  # moderngl would bind the released one again
     for item in (framebuffer, *targets):
         item.release()
     if system is None:
         own.release()
     return result[::-1].copy()
+
+
+def lookup_texture(
+    gl, texture: Texture, draw: Draw, view: View, st: np.ndarray, jacobian: np.ndarray, system: TextureSystem
+) -> np.ndarray:
+    """(H, W, 4) float32: the texture looked up at given st (H * W, 2) and derivatives (H * W, 2, 2), top row first.
+
+    What is loaded follows from `draw` and `view`; places outside of them may show anything.
+    """
+    surface = visible_surface(draw, view, ["st"])
+    size = (view.width, view.height)
+    request = TextureRequest(texture, surface)
+    system.begin_view([request])
+    binding = system.binding([request])
+    frame = surface.st_frames["st"]
+    local = np.nan_to_num((st - frame.origin) * frame.scale).reshape(view.height, view.width, 2)
+    derivatives = np.nan_to_num(np.swapaxes(jacobian, 1, 2) * frame.scale).reshape(view.height, view.width, 4)
+    given = [
+        gl.texture(size, 4, np.concatenate([local, local], -1)[::-1].astype(np.float32).tobytes(), dtype="f4"),
+        gl.texture(size, 4, derivatives[::-1].astype(np.float32).tobytes(), dtype="f4"),
+    ]
+    target = gl.texture(size, 4, dtype="f4")
+    framebuffer = gl.framebuffer([target])
+    framebuffer.use()
+    defines = binding.defines | {"TEXTURE_SAMPLE": f"{texture.kind}_sample"}
+    program = ProgramCache(gl).get("fullscreen.vert", "texture_lookup.frag", defines, [f"{texture.kind}.glsl"])
+    unit = binding.apply(program)
+    for number, name in enumerate(("lookupSt", "lookupJacobian")):
+        given[number].use(unit + number)
+        if name in program:  # derivatives are not read where only one mip level is
+            program[name] = unit + number
+    gl.vertex_array(program, []).render(gl.TRIANGLES, vertices=3)
+    result = np.frombuffer(target.read(), np.float32).reshape(view.height, view.width, 4)[::-1].copy()
+    gl.detect_framebuffer(0).use()  # moderngl would bind the released one again
+    for item in (framebuffer, target, *given):
+        item.release()
+    return result
 
 
 def _draw(gl, program, draw: Draw, surface: VisibleSurface, view: View) -> None:

@@ -1,7 +1,8 @@
 """Clipping triangles against the view frustum in float64, vectorised.
 
-Sutherland and Hodgman 1974 ("Reentrant polygon clipping") on arrays of polygons padded to equal length. A clipped vertex is
-given by its barycentric weights in the triangle it came from, so that any attribute can be interpolated afterwards.
+Sutherland and Hodgman 1974 ("Reentrant polygon clipping") on arrays of polygons padded to equal length. A clipped
+vertex is given by its barycentric weights in the triangle it came from, so that any attribute can be interpolated
+afterwards.
 """
 
 from __future__ import annotations

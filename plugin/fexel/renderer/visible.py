@@ -1,10 +1,11 @@
-"""What a view sees of a draw, in float64: which texture coordinates at which footprint, and re-based vertices for deep zoom.
+"""What a view sees of a draw, in float64: which texture coordinates at which footprint, and re-based vertices for deep
+zoom.
 
-The triangles of a draw are clipped to the view (near plane included) and cut into pieces that are small on screen, so that
-bounds of `st` and the Jacobian d(st)/d(pixel) are tight even where the view is grazing. From these a texture decides
-what to load. Where float32 would misplace texture coordinates by more than `MAX_ERROR_PX` pixels, the clipped triangles
-are returned as vertices of their own: clip-space positions and `st` relative to the view (`StFrame`), both computed in
-float64, so that what the GPU interpolates is small and exact.
+The triangles of a draw are clipped to the view (near plane included) and cut into pieces that are small on screen, so
+that bounds of `st` and the Jacobian d(st)/d(pixel) are tight even where the view is grazing. From these a texture
+decides what to load. Where float32 would misplace texture coordinates by more than `MAX_ERROR_PX` pixels, the clipped
+triangles are returned as vertices of their own: clip-space positions and `st` relative to the view (`StFrame`), both
+computed in float64, so that what the GPU interpolates is small and exact.
 """
 
 from __future__ import annotations
@@ -82,6 +83,7 @@ class RebasedMesh:
     world_position, normal : (M, 3)
         World space; the normal has unit length.
     display_color : (M, 3) or None
+    display_opacity : (M, 1) or None
     st : dict of str to (M, 2)
         Local to `VisibleSurface.st_frames`.
     triangles : (K, 3) int32
@@ -91,6 +93,7 @@ class RebasedMesh:
     world_position: NDArray[np.float32]
     normal: NDArray[np.float32]
     display_color: NDArray[np.float32] | None
+    display_opacity: NDArray[np.float32] | None
     st: dict[str, NDArray[np.float32]]
     triangles: NDArray[np.int32]
 
@@ -298,12 +301,14 @@ def _rebase(
     # 1e-30 guards a zero normal, which stays zero.
     normal = normal / np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-30)
     color = None if mesh.display_color is None else _flat(triangles.interpolate(mesh.display_color))
+    opacity = None if mesh.display_opacity is None else _flat(triangles.interpolate(mesh.display_opacity[:, None]))
     local = {name: (st - frames[name].origin) * frames[name].scale for name, st in corners.items()}
     return RebasedMesh(
         clip_position=_flat(triangles.clip),
         world_position=_flat(world),
         normal=_flat(normal),
         display_color=color,
+        display_opacity=opacity,
         st={name: _flat(values) for name, values in local.items()},
         triangles=np.arange(3 * len(triangles.clip), dtype=np.int32).reshape(-1, 3),
     )

@@ -1,8 +1,8 @@
 """Texture kinds: what a texture prim says, as data that the renderer keeps on the GPU.
 
-A kind is one vertical slice with the same stem everywhere: ``textures/<kind>.py`` here, ``shaders/<kind>.glsl``. Its module
-has ``PRIM_TYPES``, the prim types or shader ids that it reads, and ``extract(prim, time)``. To add a kind, add its
-module's name to `_KINDS`; nothing else here changes.
+A kind is one vertical slice with the same stem everywhere: ``textures/<kind>.py`` here, ``shaders/<kind>.glsl``. Its
+module has ``PRIM_TYPES``, the prim types or shader ids that it reads, and ``extract(prim, time)``. To add a kind, add
+its module's name to `_KINDS`; nothing else here changes.
 """
 
 from __future__ import annotations

@@ -33,6 +33,7 @@ class Resident:
     y: int
 
     def holds(self, box: Box) -> bool:
+        """Whether a window lies within."""
         return self.box[0] <= box[0] and self.box[1] <= box[1] and self.box[2] >= box[2] and self.box[3] >= box[3]
 
 
@@ -50,10 +51,12 @@ class PageAtlas:
 
     @property
     def size(self) -> tuple[int, int]:
+        """Width and height of the page in texels."""
         return self.texture.size if self.texture else (1, 1)
 
     @property
     def nbytes(self) -> int:
+        """Texture memory."""
         return self.size[0] * self.size[1] * BYTES_PER_TEXEL[self.page_class] if self.texture else 0
 
     def begin(self, needs: dict[Hashable, Box]) -> list[Hashable]:
@@ -124,6 +127,7 @@ class PageAtlas:
         self.texture.write(texels.tobytes(), viewport=(place.x - 1, place.y - 1, width, height))
 
     def release(self) -> None:
+        """Free the texture."""
         if self.texture:
             self.texture.release()
             self.texture = None

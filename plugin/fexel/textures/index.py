@@ -1,9 +1,9 @@
 """Spatial index over what a view sees of a zipmap: which layers may be seen where, at which mip levels.
 
-A tree of square grids over the visible local texture coordinates, built anew for every view: a fixed grid serves neither a
-nested deep zoom nor a grazing view. Its leaves hold the layers that touch them, front to back, so that the cost of a
-lookup follows overlap depth and not the number of patches. All arithmetic is float64 and vectorised over (cell, layer)
-and (cell, piece) pairs.
+A tree of square grids over the visible local texture coordinates, built anew for every view: a fixed grid serves
+neither a nested deep zoom nor a grazing view. Its leaves hold the layers that touch them, front to back, so that the
+cost of a lookup follows overlap depth and not the number of patches. All arithmetic is float64 and vectorised over
+(cell, layer) and (cell, piece) pairs.
 """
 
 from __future__ import annotations
@@ -49,8 +49,8 @@ class Tree:
         Cells per axis of every inner grid.
     low, high : (C, 2) float64
         Visible part of each cell.
-    finest, coarsest : (C, 2, 2) float64
-        Jacobians of the smallest and the largest footprint in each cell.
+    jacobian : (C, 3, 2, 2) float64
+        In each cell, those of the smallest and of the narrowest footprint, then that of the largest.
     visible : (C,) bool
     pair_cell, pair_layer : (K,) int64
         Leaf and layer of every listed pair, in order of cells, then front to back (falling layer numbers).
@@ -63,8 +63,7 @@ class Tree:
     children: int
     low: NDArray[np.float64]
     high: NDArray[np.float64]
-    finest: NDArray[np.float64]
-    coarsest: NDArray[np.float64]
+    jacobian: NDArray[np.float64]
     visible: NDArray[np.bool_]
     pair_cell: NDArray[np.int64]
     pair_layer: NDArray[np.int64]
@@ -119,15 +118,15 @@ def _refine(
     cell_size: NDArray[np.float64],
     shape: tuple[int, int],
 ) -> Tree:
-    lows, highs, finests, coarsests, visibles, firsts = [], [], [], [], [], []
+    lows, highs, jacobians, visibles, firsts = [], [], [], [], []
     pair_cells, pair_layers = [], []
     total = 0
     for depth in range(_MAX_DEPTH + 1):
         count = len(grid.low)
-        visible, low, high, finest, coarsest = _visible_part(grid, pieces)
-        cell, layer = _touching(grid, visible, low, high, finest, coarsest, local_to_layer)
+        visible, low, high, jacobian = _visible_part(grid, pieces)
+        cell, layer = _touching(grid, visible, (low, high), jacobian[:, 2], local_to_layer)
         length = np.bincount(cell, minlength=count)
-        split = visible & (length > _LEAF_LENGTH) & (_cell_px(low, high, finest) > _MIN_CELL_PX)
+        split = visible & (length > _LEAF_LENGTH) & (_cell_px(low, high, jacobian[:, 0]) > _MIN_CELL_PX)
         next_total = total + count + int(split.sum()) * _CHILDREN**2
         if depth == _MAX_DEPTH or next_total > _MAX_CELLS:
             split[:] = False
@@ -137,8 +136,8 @@ def _refine(
         pair_cells.append(cell[listed] + total)
         pair_layers.append(layer[listed])
         for store, values in zip(
-            (lows, highs, finests, coarsests, visibles, firsts),
-            (low, high, finest, coarsest, visible, first),
+            (lows, highs, jacobians, visibles, firsts),
+            (low, high, jacobian, visible, first),
             strict=True,
         ):
             store.append(values)
@@ -157,8 +156,7 @@ def _refine(
         _CHILDREN,
         join(lows),
         join(highs),
-        join(finests),
-        join(coarsests),
+        join(jacobians),
         join(visibles),
         cells[order],
         layers[order],
@@ -185,55 +183,47 @@ def _boxes_in_grid(
     return row * shape[0] + column, box
 
 
-def _visible_part(grid: _Grid, pieces: LocalPieces) -> tuple[NDArray, NDArray, NDArray, NDArray, NDArray]:
-    """Per cell: visible?, bounds of what is visible, Jacobians of the smallest and the largest footprint."""
+def _visible_part(grid: _Grid, pieces: LocalPieces) -> tuple[NDArray, NDArray, NDArray, NDArray]:
+    """Per cell: visible?, bounds of what is visible, Jacobians of the extreme footprints (`Tree.jacobian`)."""
     count = len(grid.low)
     cell, piece = grid.piece
-    order = np.argsort(cell, kind="stable")
-    cell, piece = cell[order], piece[order]
     visible = np.zeros(count, bool)
     visible[cell] = True
     low, high = grid.low.copy(), grid.high.copy()
-    finest = np.zeros((count, 2, 2))
-    coarsest = np.zeros((count, 2, 2))
+    jacobian = np.zeros((count, 3, 2, 2))
     if len(cell):
+        order = np.argsort(cell, kind="stable")
+        cell, piece = cell[order], piece[order]
         starts = np.flatnonzero(np.r_[True, cell[1:] != cell[:-1]])
         at = cell[starts]
         low[at] = np.maximum(low[at], np.minimum.reduceat(pieces.low[piece], starts))
         high[at] = np.minimum(high[at], np.maximum.reduceat(pieces.high[piece], starts))
         norm = np.linalg.norm(pieces.jacobian, axis=(2, 3))
-        small, large = norm.argmin(axis=1), norm.argmax(axis=1)
-        finest[at] = _extreme(
-            norm.min(axis=1)[piece], cell, starts, pieces.jacobian[np.arange(len(small)), small], piece, 1
-        )
-        coarsest[at] = _extreme(
-            norm.max(axis=1)[piece], cell, starts, pieces.jacobian[np.arange(len(large)), large], piece, -1
-        )
-    return visible, np.minimum(low, high), np.maximum(low, high), finest, coarsest
-
-
-def _extreme(
-    key: NDArray[np.float64], cell: NDArray, starts: NDArray, jacobian: NDArray, piece: NDArray, sign: int
-) -> NDArray[np.float64]:
-    order = np.lexsort((sign * key, cell))
-    return jacobian[piece[order[starts]]]
+        # 1e-300 guards a place where st is constant: its footprint has no width.
+        width = np.abs(np.linalg.det(pieces.jacobian)) / np.maximum(norm, 1e-300)
+        for slot, key in enumerate((norm, width, -norm)):
+            corner = key.argmin(axis=1)
+            rows = np.arange(len(corner))
+            best = np.lexsort((key[rows, corner][piece], cell))[starts]
+            jacobian[at, slot] = pieces.jacobian[rows, corner][piece[best]]
+    return visible, np.minimum(low, high), np.maximum(low, high), jacobian
 
 
 def _touching(
     grid: _Grid,
     visible: NDArray[np.bool_],
-    low: NDArray[np.float64],
-    high: NDArray[np.float64],
-    finest: NDArray[np.float64],
-    coarsest: NDArray[np.float64],
+    box: tuple[NDArray[np.float64], NDArray[np.float64]],
+    largest: NDArray[np.float64],
     local_to_layer: NDArray[np.float64],
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Pairs whose cell does not lie wholly beyond one side of the layer; anisotropic probes reach a footprint further."""
+    """Pairs whose cell does not lie wholly beyond one side of the layer; anisotropic probes reach a footprint
+    further.
+    """
     cell, layer = grid.layer
     keep = visible[cell]
     cell, layer = cell[keep], layer[keep]
-    reach = np.abs(coarsest).sum(axis=2) / 2
-    corners = _corners(low - reach, high + reach)[cell]
+    reach = np.abs(largest).sum(axis=2) / 2
+    corners = _corners(box[0] - reach, box[1] + reach)[cell]
     matrix = local_to_layer[layer]
     mapped = corners @ matrix[:, :2] + matrix[:, 2:]
     u, v, w = mapped[..., 0], mapped[..., 1], mapped[..., 2]

@@ -1,8 +1,9 @@
 """Texels of any window of any mip level of an image source, in the format of its page.
 
-Tiled files with mip levels are read in part. Of any other file the pyramid is made once (`fexel.mipmaps`) and kept while it is
-used, up to a limit. Stored texels are linear and premultiplied: page class SRGB keeps them sRGB-encoded in 8 bits, RAW as
-they are in 8 bits, HALF as 16-bit floats.
+Tiled files with mip levels are read in part. Of any other file the pyramid is made once (`fexel.mipmaps`) and kept
+while it is used, up to a limit. Stored texels are linear and premultiplied: page class SRGB keeps them sRGB-encoded in
+8 bits, HALF as 16-bit floats. 8-bit data that is not colour (normals, roughness) is HALF as well: software rasterisers
+filter plain 8-bit textures with 8-bit weights and results, which is off by more than one step after a blend.
 """
 
 from __future__ import annotations
@@ -18,10 +19,10 @@ from fexel import images, mipmaps
 from fexel.errors import FexelError, FexelWarning
 from fexel.textures.zipmap import ImageSource
 
-__all__ = ["BYTES_PER_TEXEL", "HALF", "RAW", "SRGB", "ImageFacts", "PyramidCache"]
+__all__ = ["BYTES_PER_TEXEL", "HALF", "SRGB", "ImageFacts", "PyramidCache"]
 
-SRGB, RAW, HALF = range(3)
-BYTES_PER_TEXEL = (4, 4, 8)
+SRGB, HALF = range(2)
+BYTES_PER_TEXEL = (4, 8)
 _KEEP_BYTES = 512 * 2**20
 _IDENTITY = ((1.0, 1.0, 1.0, 1.0), (0.0, 0.0, 0.0, 0.0))
 # sRGB encoding to 8 bits by table: 2^16 steps of linear light are finer than half an 8-bit step even at black.
@@ -74,7 +75,7 @@ class PyramidCache:
             return self._fallback_facts(source)
         space = info.color_space if source.color_space == "auto" else source.color_space
         eight_bit = info.dtype == "uint8" and (source.scale, source.bias) == _IDENTITY
-        page_class = (SRGB if space == "sRGB" else RAW) if eight_bit else HALF
+        page_class = SRGB if eight_bit and space == "sRGB" else HALF
         return ImageFacts((info.width, info.height), page_class, wrap, info)  # type: ignore[arg-type]
 
     def _fallback_facts(self, source: ImageSource) -> ImageFacts:
@@ -184,8 +185,7 @@ def _encode(texels: NDArray[np.float32], page_class: int) -> NDArray:
     if page_class == HALF:
         return texels.astype(np.float16)
     encoded = (texels.clip(0, 1) * 255 + 0.5).astype(np.uint8)
-    if page_class == SRGB:
-        encoded[..., :3] = _ENCODE[(texels[..., :3].clip(0, 1) * 65535 + 0.5).astype(np.uint16)]
+    encoded[..., :3] = _ENCODE[(texels[..., :3].clip(0, 1) * 65535 + 0.5).astype(np.uint16)]
     return encoded
 
 

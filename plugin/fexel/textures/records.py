@@ -1,7 +1,8 @@
-"""The data texture that shaders/zipmap.glsl reads: nodes of the index, a record per (leaf, layer) pair, mip level places.
+"""The data texture that shaders/zipmap.glsl reads: nodes of the index, a record per (leaf, layer) pair, mip level
+places.
 
-Layouts are described in the shader. Everything is computed in float64 and stored as float32: matrices lead from local st,
-which is of the size of the view, to texels, so that nothing cancels.
+Layouts are described in the shader. Everything is computed in float64 and stored as float32: matrices lead from local
+st, which is of the size of the view, to texels, so that nothing cancels.
 """
 
 from __future__ import annotations

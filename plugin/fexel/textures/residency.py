@@ -1,7 +1,7 @@
 """Which windows of which mip levels a view needs, and dropping to coarser ones past a memory budget.
 
-For every (leaf, layer) pair of a `Tree` the exact Jacobian of the layer's projective map gives the range of mip levels, and
-the mapped leaf the window in each. Levels of one image are united over all places where it is seen.
+For every (leaf, layer) pair of a `Tree` the exact Jacobian of the layer's projective map gives the range of mip levels,
+and the mapped leaf the window in each. Levels of one image are united over all places where it is seen.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ def view_pairs(
     layer = np.concatenate([tree.pair_layer, np.zeros(len(leaves), np.int64)])
     order = np.lexsort((-layer, cell))
     cell, layer = cell[order], layer[order]
-    reach = np.abs(tree.coarsest).sum(axis=2)[cell] / 2
+    reach = np.abs(tree.jacobian[:, 2]).sum(axis=2)[cell] / 2
     low = np.maximum(tree.low[cell] - reach, layer_bounds[layer, :2])
     high = np.minimum(tree.high[cell] + reach, layer_bounds[layer, 2:])
     low, high = np.minimum(low, high), np.maximum(low, high)
@@ -88,15 +88,13 @@ def view_pairs(
     uv = mapped[..., :2] / safe_w[..., None]
     jacobian = np.swapaxes(matrix[:, None, :2, :2], -1, -2) - uv[..., :, None] * matrix[:, None, None, :2, 2]
     jacobian = jacobian * (sizes[layer][:, None, :] / safe_w[..., None])[..., None]
-    fine, fine_probes = _lod(jacobian @ tree.finest[cell][:, None], anisotropy)
-    coarse, coarse_probes = _lod(jacobian @ tree.coarsest[cell][:, None], anisotropy)
-    probes = np.maximum(fine_probes, coarse_probes).max(axis=1)
-    lod_low = np.where(front, fine, np.inf).min(axis=1) - _LOD_MARGIN
-    lod_high = np.where(front, coarse, np.inf).max(axis=1) + _LOD_MARGIN
+    lods, probes = _lod(jacobian[:, :, None] @ tree.jacobian[cell][:, None], anisotropy)
+    lod_low = np.where(front, lods.min(axis=2), np.inf).min(axis=1) - _LOD_MARGIN
+    lod_high = np.where(front, lods.max(axis=2), np.inf).max(axis=1) + _LOD_MARGIN
     whole = ~front.all(axis=1)[:, None]
     uv_low = np.where(whole, 0.0, uv.min(axis=1))
     uv_high = np.where(whole, 1.0, uv.max(axis=1))
-    return PairView(cell, layer, np.minimum(lod_low, lod_high), lod_high, uv_low, uv_high, probes)
+    return PairView(cell, layer, np.minimum(lod_low, lod_high), lod_high, uv_low, uv_high, probes.max(axis=(1, 2)))
 
 
 def _sample_points(low: NDArray[np.float64], high: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -114,7 +112,7 @@ def _lod(jacobian: NDArray[np.float64], anisotropy: float) -> tuple[NDArray[np.f
     major = np.maximum(major, 1e-150)
     minor = np.abs(dx[..., 0] * dy[..., 1] - dx[..., 1] * dy[..., 0]) / major
     probes = np.clip(np.ceil(major / np.maximum(minor, 1e-150) - 0.25), 1, anisotropy)
-    return np.log2(np.maximum(np.maximum(minor, major / probes), 1e-30)), probes
+    return np.log2(np.maximum(np.maximum(minor, major / anisotropy), 1e-30)), probes
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,6 +131,7 @@ class Windows:
 
     @classmethod
     def empty(cls, images: int) -> Windows:
+        """Nothing needed yet."""
         big = np.iinfo(np.int32).max
         return cls(np.broadcast_to(np.array([big, big, -1, -1]), (images, MAX_LEVELS, 4)).copy())
 

@@ -1,7 +1,8 @@
 """Textures of a view on the GPU: what it needs, loaded within a budget, and bound to a material's program.
 
-`TextureSystem.begin_view` takes all (texture, surface) requests of a view at once, so that the budget is shared; `binding`
-then gives a material's slots. Only what the view sees is opened: layers by the index, mip levels and windows by footprint.
+`TextureSystem.begin_view` takes all (texture, surface) requests of a view at once, so that the budget is shared;
+`binding` then gives a material's slots. Only what the view sees is opened: layers by the index, mip levels and windows
+by footprint.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
 __all__ = ["TextureBinding", "TextureRequest", "TextureSystem"]
 
 _WRAP_CODES = {"patch": 0.0, "black": 0.0, "clamp": 1.0, "repeat": 2.0, "mirror": 3.0}
-_PAGE_NAMES = ("Srgb", "Raw", "Half")
+_PAGE_NAMES = ("Srgb", "Half")
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,7 +137,7 @@ class TextureSystem:
         self._gl = gl
         self._budget = max(int(memory_mb * 2**20), 0)
         self.anisotropy = max(1.0, float(anisotropy))
-        self.atlases = tuple(PageAtlas(gl, page_class) for page_class in range(3))
+        self.atlases = tuple(PageAtlas(gl, page_class) for page_class in range(len(_PAGE_NAMES)))
         self.records: moderngl.Texture | None = None
         self._cache = PyramidCache()
         self._slots: dict[int, tuple[TextureRequest, _Slot]] = {}
@@ -158,7 +159,7 @@ class TextureSystem:
         finest, dropped = drop_levels(windows, sizes, texel_bytes, self._budget)
         self._note_dropped(dropped)
         self._load(windows, page_class)
-        places = self._places(windows, sizes, page_class)
+        places = self._places(sizes, page_class)
         self._write(requests, seen, levels, finest, places, page_class)
 
     def binding(self, requests: Sequence[TextureRequest]) -> TextureBinding:
@@ -166,7 +167,9 @@ class TextureSystem:
         return TextureBinding([self._slots[id(request)][1] for request in requests], self)
 
     def stats(self) -> dict[str, int]:
-        """For ``--stats``: layers of all zipmaps met, seen and with texels resident; levels and bytes; levels dropped."""
+        """For ``--stats``: layers of all zipmaps met, seen and with texels resident; levels and bytes; levels
+        dropped.
+        """
         residents = [key for atlas in self.atlases for key in atlas.residents]
         return {
             "patches_total": sum(self._all_layers.values()),
@@ -260,7 +263,7 @@ class TextureSystem:
                 name = self._names[self._images[key[0]]]
                 atlas.write(key, self._cache.window(key[0], name, key[1], needs[key]))
 
-    def _places(self, windows: Windows, sizes: NDArray[np.int64], page_class: NDArray[np.int64]) -> NDArray[np.float64]:
+    def _places(self, sizes: NDArray[np.int64], page_class: NDArray[np.int64]) -> NDArray[np.float64]:
         """(S, L, 4) scale and offset from texels of level 0 to page coordinates, of what is resident."""
         places = np.zeros((len(sizes), MAX_LEVELS, 4))
         for number, source in enumerate(self._images):

@@ -2,8 +2,8 @@
 
 A zipmap (Eisemann and Magnor 2010, section 3) is a root image and patches, each placed by a homography relative to its
 parent; the picture is ``C = sum_i w_i C_i, w_i = alpha_i prod_{j>i} (1 - alpha_j)`` (eq. 1) in draw order: depth first,
-parents before children, siblings in namespace order. Here the tree is flattened and matrices are composed in float64. No
-file is touched: an image is opened only when a frame sees it.
+parents before children, siblings in namespace order. Here the tree is flattened and matrices are composed in float64.
+No file is touched: an image is opened only when a frame sees it.
 
 Layer 0 is the root. A layer whose matrix is singular or not finite warns once, naming the prim, and is left out; so are
 the layers below it.

@@ -1,0 +1,138 @@
+"""shaders/zipmap.glsl against its float64 twin: random projective nests, masks, opacities, views and filters."""
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from zipmap_stage import Patch, front_view, lookup_texture, quad, save, tilted_view, zipmap_stage, zipmap_texture
+
+from fexel import homography, images, mipmaps
+from fexel.renderer.visible import View
+from fexel.textures.pyramid_cache import HALF, SRGB, PyramidCache
+from fexel.textures.system import TextureSystem
+from fexel.textures.zipmap_twin import sample_zipmap
+
+TOLERANCE = 1 / 255
+
+
+def pixel_st(view: View):
+    """st and its Jacobian at every pixel centre of a view of the plane z = 0, and which pixels show it."""
+    plane_to_clip = view.world_to_clip[[0, 1, 3]][:, [0, 1, 3]]
+    to_ndc = np.array([[2 / view.width, 0, 0], [0, -2 / view.height, 0], [-1, 1, 1]])
+    pixel_to_st = to_ndc @ np.linalg.inv(plane_to_clip)
+    x, y = np.meshgrid(np.arange(view.width) + 0.5, np.arange(view.height) + 0.5)
+    pixels = np.stack([x.ravel(), y.ravel()], axis=1)
+    w = pixels @ pixel_to_st[:2, 2] + pixel_to_st[2, 2]
+    pixel_to_st = pixel_to_st * np.sign(w[np.argmax(np.abs(w))])
+    st_ = homography.apply(pixel_to_st, pixels)
+    jacobian = homography.jacobian(pixel_to_st, pixels)
+    shown = np.isfinite(st_).all(axis=1)
+    shown[shown] = ((st_[shown] > 1e-3) & (st_[shown] < 1 - 1e-3)).all(axis=1)
+    return st_, jacobian, shown
+
+
+def stored_pyramid(cache: PyramidCache, source) -> list[np.ndarray]:
+    """All levels of an image as its page stores them, decoded: what the twin has to filter."""
+    facts = cache.facts(source, "/Zipmap")
+    levels = []
+    for level in range(mipmaps.level_count(*facts.size)):
+        width, height = (mipmaps.level_size(size, level) for size in facts.size)
+        texels = cache.window(source, "/Zipmap", level, (0, 0, width, height))[1:-1, 1:-1]
+        values = texels.astype(np.float64) / (1 if facts.page_class == HALF else 255)
+        if facts.page_class == SRGB:
+            values[..., :3] = images.srgb_to_linear(values[..., :3])
+        levels.append(values)
+    return levels
+
+
+def difference(gl, texture, view, anisotropy, wrap=("clamp", "clamp")):
+    """Largest difference of shader and twin, and both frames; NaN where the quad is not."""
+    data, cache = texture.data, PyramidCache()
+    pyramids = [stored_pyramid(cache, data.sources[index]) for index in data.source_index]
+    st_, jacobian, shown = pixel_st(view)
+    system = TextureSystem(gl, anisotropy=anisotropy)
+    rendered = lookup_texture(gl, texture, quad(), view, st_, jacobian, system).reshape(-1, 4)
+    system.release()
+    expected = np.full(rendered.shape, np.nan)
+    expected[shown] = sample_zipmap(
+        pyramids, data.root_to_patch, data.opacity, st_[shown], jacobian[shown], wrap, anisotropy
+    )
+    shape = (view.height, view.width, 4)
+    return np.nanmax(np.abs(rendered - expected)), rendered.reshape(shape), expected.reshape(shape)
+
+
+def random_texels(rng, width, height, smooth=4):
+    """Band-limited colour and a soft mask, premultiplied."""
+    coarse = rng.random((max(2, height // smooth), max(2, width // smooth), 4)).astype(np.float32)
+    rows = np.linspace(0, coarse.shape[0] - 1, height)
+    columns = np.linspace(0, coarse.shape[1] - 1, width)
+    r0, c0 = np.minimum(rows.astype(int), coarse.shape[0] - 2), np.minimum(columns.astype(int), coarse.shape[1] - 2)
+    fr, fc = (rows - r0)[:, None, None], (columns - c0)[None, :, None]
+    texels = (1 - fr) * ((1 - fc) * coarse[r0][:, c0] + fc * coarse[r0][:, c0 + 1]) + fr * (
+        (1 - fc) * coarse[r0 + 1][:, c0] + fc * coarse[r0 + 1][:, c0 + 1]
+    )
+    texels[..., 3] = np.clip(2.5 * texels[..., 3] - 0.6, 0, 1)
+    texels[..., :3] *= texels[..., 3:]
+    return texels.astype(np.float32)
+
+
+def random_matrix(rng, tilt=0.4):
+    """A patch of random size, place, rotation, mirroring and perspective that touches its parent."""
+    centre = rng.uniform(0.1, 0.9, 2)
+    size = np.exp(rng.uniform(np.log(0.1), np.log(1.4)))
+    angle = rng.uniform(0, 2 * np.pi)
+    rotation = np.eye(3)
+    rotation[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+    mirror = homography.scale(rng.choice([-1.0, 1.0]), rng.uniform(0.5, 2.0))
+    matrix = homography.translate(*-centre) @ homography.scale(1 / size, 1 / size) @ rotation @ mirror
+    perspective = np.eye(3)
+    perspective[:2, 2] = rng.uniform(-tilt, tilt, 2)
+    return matrix @ perspective @ homography.translate(0.5, 0.5)
+
+
+def random_nest(rng, folder, depth=0):
+    width, height = (int(n) for n in rng.integers(3, 90, 2))
+    dtype = rng.choice(["uint8", "uint16", "float16"])
+    color_space = "sRGB" if dtype != "float16" and rng.random() < 0.6 else "raw"
+    extension = "exr" if dtype == "float16" else "tif"
+    name = folder / f"{rng.integers(1 << 40):x}.{extension}"
+    levels = int(rng.choice([1, 20]))
+    texels = random_texels(rng, width, height)
+    if depth == 0:
+        texels[..., :3] /= np.maximum(texels[..., 3:], 1e-3)
+        texels[..., 3] = 1
+        texels = texels.clip(0, 1)
+    file = save(name, texels, str(dtype), color_space, levels)
+    children = tuple(random_nest(rng, folder, depth + 1) for _ in range(int(rng.integers(0, 4 - depth))))
+    opacity = 1.0 if rng.random() < 0.5 else float(rng.random())
+    matrix = np.eye(3) if depth == 0 else random_matrix(rng)
+    return Patch(file, matrix, opacity, children=children, color_space=str(color_space))
+
+
+def random_view(rng):
+    width, height = (int(n) for n in rng.integers(20, 120, 2))
+    if rng.random() < 0.5:
+        centre, size = rng.uniform(0.2, 0.8, 2), np.exp(rng.uniform(np.log(1e-3), np.log(2.0)))
+        return front_view(centre - size / 2, centre + size / 2, width, height)
+    return tilted_view(
+        rng.uniform(0.3, 0.7, 2), float(rng.uniform(0.05, 1.5)), float(rng.uniform(0, 80)), width, height
+    )
+
+
+@settings(max_examples=60, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+@given(seed=st.integers(0, 2**32 - 1), anisotropy=st.sampled_from([1.0, 4.0, 16.0]))
+def test_zipmap_shader_equals_float64_twin(gl, tmp_path_factory, seed, anisotropy):
+    rng = np.random.default_rng(seed)
+    folder = tmp_path_factory.mktemp("nest")
+    texture = zipmap_texture(zipmap_stage(random_nest(rng, folder)))
+    worst, _, _ = difference(gl, texture, random_view(rng), anisotropy)
+    assert worst <= TOLERANCE
+
+
+@pytest.mark.parametrize("wrap", ["black", "clamp", "repeat", "mirror"])
+def test_zipmap_root_wraps_as_the_twin(gl, tmp_path, rng, wrap):
+    file = save(tmp_path / "root.tif", random_texels(rng, 37, 22), "uint8", "raw")
+    texture = zipmap_texture(zipmap_stage(Patch(file, homography.scale(3, 2.5), color_space="raw"), wrap))
+    for view in (front_view((0, 0), (1, 1), 90, 70), front_view((0, 0), (1, 1), 20, 16)):
+        worst, _, _ = difference(gl, texture, view, 1.0, (wrap, wrap))
+        assert worst <= TOLERANCE
