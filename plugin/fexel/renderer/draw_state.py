@@ -188,7 +188,7 @@ class DrawState:
 
     def _set_faces(self, item: Item, cull: str) -> None:
         gl = self._gl
-        mirrored = item.rebased is None and np.linalg.det(item.draw.object_to_world[:3, :3]) < 0.0
+        mirrored = np.linalg.det(item.draw.object_to_world[:3, :3]) < 0.0
         gl.front_face = "cw" if mirrored else "ccw"
         if cull:
             gl.cull_face = cull
@@ -276,5 +276,9 @@ def _set(program: moderngl.Program, name: str, value: float | tuple[float, ...])
 
 def _write(program: moderngl.Program, name: str, array: np.ndarray) -> None:
     """Row vectors' matrices and arrays of vectors, as the same bytes."""
+    import moderngl
+
     if name in program and array.size:
-        program[name].write(np.ascontiguousarray(array, np.float32).tobytes())
+        uniform = program[name]
+        assert isinstance(uniform, moderngl.Uniform)
+        uniform.write(np.ascontiguousarray(array, np.float32).tobytes())

@@ -60,7 +60,7 @@ class ColorCorrection:
         shown = oiio.ImageBufAlgo.ociodisplay(image, "", "", source, colorconfig=os.environ["OCIO"])
         if shown.has_error:
             raise FexelError(f"{os.environ['OCIO']}: {_one_line(shown.geterror())}")
-        return shown.get_pixels(oiio.FLOAT).reshape(straight.shape)
+        return np.asarray(shown.get_pixels(oiio.FLOAT)).reshape(straight.shape)
 
 
 def _ocio_config():

@@ -93,7 +93,7 @@ def rebased_buffers(gl: moderngl.Context, rebased: RebasedMesh) -> MeshBuffers:
     attributes = {"clipPosition": rebased.clip_position, "normal": rebased.normal}
     if rebased.display_color is not None:
         attributes["displayColor"] = rebased.display_color
-    if getattr(rebased, "display_opacity", None) is not None:
+    if rebased.display_opacity is not None:
         attributes["displayOpacity"] = rebased.display_opacity
     attributes |= {f"st:{name}": st for name, st in rebased.st.items()}
     return MeshBuffers(gl, attributes, rebased.triangles)
