@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from pxr import Usd
+from pxr import Usd, UsdGeom
 
 import fexel
 from fexel_tools import demo
@@ -55,10 +55,19 @@ def test_contact_sheet_holds_every_frame(finished):
     assert sheet.shape[0] > 2 * height and sheet.shape[1] > 2 * width
 
 
-def test_frames_of_the_zoom_run_from_first_to_last():
-    assert demo.zoom_frames(12)[::11] == [1, 48]
-    assert demo.zoom_frames(1) == [1]
-    assert demo.zoom_frames(48) == list(range(1, 49))
+def test_camera_of_the_demo_goes_from_the_overview_past_the_detail(finished):
+    stage = Usd.Stage.Open(str(finished.stage))
+    magnifications = demo.add_camera(stage, 12)
+    steps = np.diff(np.log(magnifications))
+    np.testing.assert_allclose(steps, steps[0])
+    camera = UsdGeom.Camera.Get(stage, demo.CAMERA)
+    zoom = UsdGeom.Camera.Get(stage, "/World/Cameras/Zoom")
+    eyes = np.array([camera.ComputeLocalToWorldTransform(frame).ExtractTranslation() for frame in range(1, 13)])
+    start, end = (zoom.ComputeLocalToWorldTransform(frame).ExtractTranslation() for frame in (1, 48))
+    np.testing.assert_allclose(eyes[0], start)
+    np.testing.assert_allclose(eyes[:, 2], eyes[0, 2] / np.array(magnifications), rtol=2e-3)  # the wall is at z = 0
+    assert eyes[-1, 2] < 0.5 * end[2]
+    assert not stage.GetRootLayer().dirty
 
 
 def test_missing_photo_is_one_line_and_leaves_no_stage(tmp_path, capsys):

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from pxr import Usd
+from pxr import Gf, Usd, UsdGeom
 
 import fexel
 from fexel.errors import FexelError
@@ -23,9 +23,11 @@ from fexel_tools.contact_sheet import SheetRow, contact_sheet, write_png
 from fexel_tools.zipmap import make_zipmap
 from fexel_tools.zipmap_stage import FRAMES, TEXTURE_PATH
 
-__all__ = ["DemoResult", "bundled_photos", "main", "make_demo", "root_texture_alone", "zoom_frames"]
+__all__ = ["DemoResult", "add_camera", "bundled_photos", "main", "make_demo", "root_texture_alone"]
 
-CAMERA = "/World/Cameras/Zoom"
+CAMERA = "/World/Cameras/Demo"
+_ZOOM = "/World/Cameras/Zoom"
+_PUSH_IN = 3.0  # how much closer than the camera Zoom the last frame is: pictures this small hide detail otherwise
 _FRAME_COUNT = 12
 _FRAMES_PER_BAND = 6
 _WIDTH = 320
@@ -85,20 +87,58 @@ def make_demo(photos: Sequence[Path], output: Path, frames: int = _FRAME_COUNT, 
     stage_path = output / "zipmap_demo.usda"
     make_zipmap([str(photo) for photo in photos], stage_path)
     stage = Usd.Stage.Open(str(stage_path))
-    times = zoom_frames(frames)
+    times = range(1, frames + 1)
+    magnifications = add_camera(stage, frames)
     with fexel.Renderer() as renderer:
         zipmap = [_render(renderer, stage, t, width) for t in _progress(times, "zipmap")]
         root_texture_alone(stage)
         root = [_render(renderer, stage, t, width) for t in _progress(times, "root alone")]
     paths = {"zipmap": _write_frames(output, "zipmap", zipmap), "root": _write_frames(output, "root", root)}
     sheet = output / "contact_sheet.png"
-    write_png(sheet, _sheet(zipmap, root, [_magnification(stage, t) for t in times]))
+    write_png(sheet, _sheet(zipmap, root, magnifications))
     return DemoResult(stage_path, sheet, paths)
 
 
-def zoom_frames(count: int) -> list[float]:
-    """Frames of the zoom camera, evenly spaced from its first to its last."""
-    return [round(float(frame)) for frame in np.linspace(*FRAMES, count)]
+def add_camera(stage: Usd.Stage, count: int) -> list[float]:
+    """Add the camera of the demonstration to the session layer: along the zoom of the stage, and further in at its end.
+
+    Parameters
+    ----------
+    stage : Usd.Stage
+        From `fexel_tools.zipmap`.
+    count : int
+        Frames, numbered from 1; the magnification grows by a constant factor from one to the next.
+
+    Returns
+    -------
+    list of float
+        How much larger the surface appears than at the first frame, one per frame.
+    """
+    zoom = UsdGeom.Camera.Get(stage, _ZOOM)
+    distance = zoom.GetFocusDistanceAttr()
+    zoomed = distance.Get(FRAMES[0]) / distance.Get(FRAMES[1])
+    magnifications = [(zoomed * _PUSH_IN) ** (index / max(count - 1, 1)) for index in range(count)]
+    with Usd.EditContext(stage, stage.GetSessionLayer()):
+        camera = UsdGeom.Camera.Define(stage, CAMERA)
+        for name in ("focalLength", "horizontalAperture", "verticalAperture"):
+            camera.GetPrim().GetAttribute(name).Set(zoom.GetPrim().GetAttribute(name).Get())
+        transform = camera.AddTransformOp()
+        for frame, magnification in enumerate(magnifications, start=1):
+            share = min(1.0, np.log(magnification) / np.log(zoomed)) if zoomed > 1.0 else 1.0
+            time = FRAMES[0] + share * (FRAMES[1] - FRAMES[0])
+            wanted = distance.Get(FRAMES[0]) / magnification
+            transform.Set(_moved_to(zoom, time, distance.Get(time) - wanted), frame)
+            camera.GetClippingRangeAttr().Set(Gf.Vec2f(0.02 * wanted, 100.0 * wanted), frame)
+    return magnifications
+
+
+def _moved_to(camera: UsdGeom.Camera, time: float, forward: float) -> Gf.Matrix4d:
+    """Camera to world at a time, moved `forward` along the direction of view."""
+    camera_to_world = camera.ComputeLocalToWorldTransform(time)
+    ahead = camera_to_world.TransformDir(Gf.Vec3d(0, 0, -1)).GetNormalized()
+    moved = Gf.Matrix4d(camera_to_world)
+    moved.SetTranslateOnly(camera_to_world.ExtractTranslation() + forward * ahead)
+    return moved
 
 
 def root_texture_alone(stage: Usd.Stage) -> None:
@@ -114,12 +154,6 @@ def _render(renderer: fexel.Renderer, stage: Usd.Stage, frame: float, width: int
     """One picture, (H, W, 3) uint8, sRGB-encoded, on black."""
     color = renderer.render(stage, camera=CAMERA, time=frame, width=width)["color"]
     return np.round(255 * np.clip(linear_to_srgb(color[..., :3]), 0, 1)).astype(np.uint8)
-
-
-def _magnification(stage: Usd.Stage, frame: float) -> float:
-    """How much larger the surface appears than at the first frame."""
-    distance = stage.GetPrimAtPath(CAMERA).GetAttribute("focusDistance")
-    return distance.Get(FRAMES[0]) / distance.Get(frame)
 
 
 def _write_frames(output: Path, name: str, pictures: Sequence[np.ndarray]) -> list[Path]:
