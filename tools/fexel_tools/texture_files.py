@@ -58,8 +58,8 @@ def write_texture(
     path : str or Path
         ``.tif`` or ``.tiff`` for 8 and 16 bits, ``.exr`` for ``"half"`` and ``"float"``.
     rgb : (H, W, 3) or (H, W) float
-        Linear Rec.709 (or data, for ``raw``), straight alpha. Integer formats clip to [0, 1], half floats to +-65504. Texels with a non-finite
-        value become transparent (black where there is no alpha).
+        Linear Rec.709 (or data, for ``raw``), straight alpha. Integer formats clip to [0, 1], half floats to +-65504.
+        Texels with a non-finite value become transparent (black where there is no alpha).
     alpha : (H, W) float, optional
         In [0, 1]; with it the rim of every level is transparent. Without it the file has no alpha channel: a root.
     bits : 8, 16, "half" or "float"
