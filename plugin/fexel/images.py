@@ -323,7 +323,7 @@ def read_mask(path: str, size: tuple[int, int]) -> NDArray[np.float32]:
         return mask
     buffer = oiio.ImageBuf(np.ascontiguousarray(mask[..., None]))
     resized = oiio.ImageBufAlgo.resize(buffer, roi=oiio.ROI(0, size[0], 0, size[1]), filtername="triangle")
-    return resized.get_pixels(oiio.FLOAT)[..., 0].clip(0.0, 1.0)
+    return np.asarray(resized.get_pixels(oiio.FLOAT))[..., 0].clip(0.0, 1.0)
 
 
 def write_pyramid(

@@ -159,8 +159,8 @@ class _Walk:
         node.color = _color_source(parent)
         _read_transform(node, self.time)
         _read_visibility(node, self.time)
-        inherits = parent is not None and parent_index >= 0 and not node.resets
-        node.place_varies = node.transform_varies or (inherits and parent.place_varies)
+        inherited_varies = parent is not None and parent_index >= 0 and not node.resets and parent.place_varies
+        node.place_varies = node.transform_varies or inherited_varies
         return node
 
     def _kind(self, prim: Usd.Prim) -> str:

@@ -7,6 +7,7 @@ replaced as usdrecord replaces it: an unknown surface by the display colour or g
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
@@ -174,10 +175,9 @@ class MaterialReader:
         """A value as float or 3-tuple, as the default is; the default where it is absent or of another kind."""
         if value is None:
             return default
-        try:
+        numbers: tuple[float, ...] = ()
+        with contextlib.suppress(TypeError, ValueError):
             numbers = (float(value),) * 3 if isinstance(value, (int, float)) else tuple(float(x) for x in value)
-        except (TypeError, ValueError):
-            numbers = ()
         wanted = numbers[:1] if isinstance(default, float) else numbers[:3]
         if len(wanted) != (1 if isinstance(default, float) else 3) or not all(map(math.isfinite, wanted)):
             self._faults.warn(
@@ -185,7 +185,7 @@ class MaterialReader:
                 f"{value!r}, expected a finite {_described(default)}; {default} is used",
             )
             return default
-        return wanted[0] if isinstance(default, float) else wanted
+        return wanted[0] if isinstance(default, float) else wanted  # pyright: ignore[reportGeneralTypeIssues]
 
 
 def _described(default: Any) -> str:
@@ -231,8 +231,8 @@ def textures_of(material: Material) -> Iterator[tuple[str, Texture]]:
 def without_textures(material: Material, primvars: set[str], stage: Usd.Stage, time: Usd.TimeCode) -> Material:
     """The material with the textures that read `primvars` replaced by their fallback, for a mesh that lost those."""
     inputs = dict(material.inputs)
-    for name, texture in textures_of(material):
-        if texture.st_primvar in primvars:
-            prim, output = stage.GetPrimAtPath(texture.path), material.inputs[name].output
-            inputs[name] = _fallback(prim, output, name, _DEFAULTS[name], Sampler(time))
+    for name, value in material.inputs.items():
+        if isinstance(value, TextureInput) and value.texture.st_primvar in primvars:
+            prim = stage.GetPrimAtPath(value.texture.path)
+            inputs[name] = _fallback(prim, value.output, name, _DEFAULTS[name], Sampler(time))
     return replace(material, inputs=inputs)

@@ -174,7 +174,7 @@ class TextureSystem:
         return {
             "patches_total": sum(self._all_layers.values()),
             "patches_seen": len(self._seen_layers),
-            "images_resident": len({source for source, _ in residents}),
+            "images_resident": len({source for source, _ in residents}),  # pyright: ignore[reportGeneralTypeIssues]
             "levels_resident": len(residents),
             "texture_bytes": sum(atlas.nbytes for atlas in self.atlases),
             "record_bytes": self.records.width * self.records.height * 16 if self.records else 0,

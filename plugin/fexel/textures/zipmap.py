@@ -16,6 +16,7 @@ import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -232,7 +233,7 @@ class _Inputs:
             attribute = sources[0] if sources else attribute
         return attribute
 
-    def value(self, name: str) -> object | None:
+    def value(self, name: str) -> Any:
         attribute = self.attribute(name)
         return None if attribute is None else attribute.Get(self._time)
 
