@@ -41,8 +41,7 @@ def bind(prim, material, **options):
 
 
 def uv_texture(stage, path, file="./a.png", **inputs):
-    texture = shader(stage, path, "UsdUVTexture", file=("Asset", Sdf.AssetPath(file)), **inputs)
-    return texture
+    return shader(stage, path, "UsdUVTexture", file=("Asset", Sdf.AssetPath(file)), **inputs)
 
 
 def output(prim, name="rgb", type_name="Float3"):
@@ -67,9 +66,9 @@ def test_inputs_that_differ_from_the_defaults_are_there(stage, define_mesh, read
     got = read(stage)[0].draws[0].material
     assert got.path == "/Mat" and not got.uses_display_color
     assert got.inputs == {
-        "diffuseColor": (0.5, 0.25, 0.125), "roughness": 0.75, "useSpecularWorkflow": 1.0, "specularColor": (1, 0.5, 0.25),
-        "clearcoat": 0.5, "emissiveColor": (2, 2, 2), "opacity": 0.5, "opacityThreshold": 0.25, "ior": 2.0,
-        "occlusion": 0.5, "clearcoatRoughness": 0.5,
+        "diffuseColor": (0.5, 0.25, 0.125), "roughness": 0.75, "useSpecularWorkflow": 1.0,
+        "specularColor": (1, 0.5, 0.25), "clearcoat": 0.5, "emissiveColor": (2, 2, 2), "opacity": 0.5,
+        "opacityThreshold": 0.25, "ior": 2.0, "occlusion": 0.5, "clearcoatRoughness": 0.5,
     }  # fmt: skip
 
 
@@ -137,7 +136,8 @@ def test_texture_on_every_kind_of_input(stage, define_mesh, read):
     bind(define_mesh(stage, "/M", st=_UNIT_ST), UsdShade.Material(stage.GetPrimAtPath("/Mat")))
     inputs = read(stage)[0].draws[0].material.inputs
     assert {name: value.output for name, value in inputs.items()} == {
-        "diffuseColor": "rgb", "opacity": "a", "roughness": "g", "metallic": "r", "normal": "rgb", "emissiveColor": "rgb",
+        "diffuseColor": "rgb", "opacity": "a", "roughness": "g", "metallic": "r", "normal": "rgb",
+        "emissiveColor": "rgb",
     }  # fmt: skip
     textures = {id(value.texture) for value in inputs.values()}
     assert len(textures) == 1

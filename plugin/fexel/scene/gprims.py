@@ -139,11 +139,22 @@ def _tapered_cylinder(height: float, radiusBottom: float, radiusTop: float) -> _
 
 
 def _tapered_capsule(height: float, radiusBottom: float, radiusTop: float) -> _Surface:
-    """Two half spheres and the side between them; t in proportion to the length of the profile."""
-    lengths = np.array([radiusBottom * np.pi / 2, math.hypot(height, radiusBottom - radiusTop), radiusTop * np.pi / 2])
+    """A cone's frustum between two parts of spheres that meet it tangentially; t follows the profile's length."""
+    if height == 0:
+        return _sphere(max(radiusBottom, radiusTop))
+    slope = (radiusBottom - radiusTop) / height
+    meeting, stretch = math.atan(slope), math.hypot(1.0, slope)
+    lengths = np.array(
+        [
+            radiusBottom * stretch * (np.pi / 2 + meeting),
+            math.hypot(height, radiusBottom - radiusTop),
+            radiusTop * stretch * (np.pi / 2 - meeting),
+        ]
+    )
     t1, t2 = (np.cumsum(lengths)[:2] / lengths.sum()).tolist()
-    low = _arc(radiusBottom, -height / 2, -np.pi / 2, 0.0, _ALONG // 2, (0.0, t1))
-    high = _arc(radiusTop, height / 2, 0.0, np.pi / 2, _ALONG // 2, (t2, 1.0))
+    rows = _ALONG // 2
+    low = _arc(radiusBottom * stretch, -height / 2 - radiusBottom * slope, -np.pi / 2, meeting, rows, (0.0, t1))
+    high = _arc(radiusTop * stretch, height / 2 - radiusTop * slope, meeting, np.pi / 2, rows, (t2, 1.0))
     return _join(*(_revolve(part) for part in (low, _side(radiusBottom, radiusTop, height, (t1, t2)), high)))
 
 

@@ -15,6 +15,7 @@ from fexel.scene.model import Mesh
 from fexel.scene.normals import corner_normals, triangle_vectors, unit_normals
 from fexel.scene.primvars import CornerValues, Topology, read_normals, read_primvar, st_primvar_names
 from fexel.scene.sampling import Faults, Sampler
+from fexel.scene.subdivision import refine
 from fexel.scene.triangulation import triangulate
 
 __all__ = ["MeshParts", "Polygons", "extract_mesh", "polygons_to_mesh"]
@@ -84,8 +85,6 @@ def extract_mesh(prim: Usd.Prim, sampler: Sampler, faults: Faults, refine_level:
         return None
     scheme = sampler.get(UsdGeom.Mesh(prim).GetSubdivisionSchemeAttr(), UsdGeom.Tokens.catmullClark)
     if refine_level > 0 and scheme in (UsdGeom.Tokens.catmullClark, UsdGeom.Tokens.loop):
-        from fexel.scene.subdivision import refine  # late: only refined stages pay for it
-
         polygons = refine(prim, polygons, scheme, refine_level, sampler, faults)
     return polygons_to_mesh(str(prim.GetPath()), polygons)
 

@@ -7,6 +7,7 @@ faceted ones are for ``subdivisionScheme`` ``none`` and ``bilinear``.
 from __future__ import annotations
 
 import numpy as np
+from pxr import UsdGeom
 
 from fexel.scene.primvars import CornerValues, Topology
 
@@ -50,10 +51,10 @@ def corner_normals(
         per_face = -per_face
     face_of_corner = topology.face_of_corner()
     if not smooth:
-        return CornerValues(per_face, face_of_corner, by_point=False)
+        return CornerValues(per_face, face_of_corner, UsdGeom.Tokens.uniform)
     per_corner = per_face[face_of_corner]
     summed = [np.bincount(topology.indices, per_corner[:, k], topology.point_count) for k in range(3)]
-    return CornerValues(np.stack(summed, axis=1), topology.indices, by_point=True)
+    return CornerValues(np.stack(summed, axis=1), topology.indices, UsdGeom.Tokens.vertex)
 
 
 def unit_normals(normals: np.ndarray, points: np.ndarray, triangles: np.ndarray) -> np.ndarray:

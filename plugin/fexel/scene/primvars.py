@@ -60,13 +60,18 @@ class CornerValues:
     ----------
     values : (R, k) array
     corner_rows : (C,) int64
-    by_point : bool
-        Whether corners at the same point always have the same value.
+    interpolation : str
+        USD's token.
     """
 
     values: np.ndarray
     corner_rows: np.ndarray
-    by_point: bool
+    interpolation: str
+
+    @property
+    def by_point(self) -> bool:
+        """Whether corners at the same point always have the same value."""
+        return self.interpolation not in (UsdGeom.Tokens.faceVarying, UsdGeom.Tokens.uniform)
 
     def at(self, corners: np.ndarray) -> np.ndarray:
         """Values of some corners."""
@@ -136,7 +141,7 @@ def _resolve(
     if not np.isfinite(values).all():
         faults.warn(path, "values that are NaN or infinite, expected finite ones; they count as 0")
         values = np.where(np.isfinite(values), values, 0.0)
-    return CornerValues(values, rows, interpolation not in (UsdGeom.Tokens.faceVarying, UsdGeom.Tokens.uniform))
+    return CornerValues(values, rows, interpolation)
 
 
 def _element_count(interpolation: str, topology: Topology) -> int:
