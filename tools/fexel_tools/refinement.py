@@ -1,0 +1,67 @@
+"""Photometric refinement of a placement, from coarse to the parent's own resolution.
+
+The coarser levels widen the basin; the last has about one sample per parent pixel, where the homography is as exact as
+the parent allows. With a small footprint the eight unknowns are not all determined by what is visible: an affinity is
+kept when the homography does not explain the photos better by more than its two further unknowns would by chance.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fexel_tools.alignment import align, make_template
+from fexel_tools.features import Features
+from fexel_tools.verification import Evidence, measure
+
+__all__ = ["footprint_columns", "refine_placement"]
+
+_FINEST_COLUMNS = 256
+_COARSEST_COLUMNS = 32
+_HOPELESS = 0.35  # correlation below which finer levels are not worth the time
+
+
+def footprint_columns(parent: Features, photo: Features, matrix: np.ndarray) -> float:
+    """Width of the photo's footprint in the parent's working pixels."""
+    centre = np.array([photo.width / 2, photo.height / 2, 1.0])
+    x, y, w = matrix @ centre
+    jacobian = (matrix[:2, :2] - np.outer([x / w, y / w], matrix[2, :2])) / w
+    per_pixel = np.sqrt(abs(np.linalg.det(jacobian)))
+    return float(photo.width * per_pixel / np.sqrt(parent.reduction.prod()))
+
+
+def refine_placement(
+    parent: Features, photo: Features, matrix: np.ndarray, *, from_columns: int = _COARSEST_COLUMNS
+) -> tuple[np.ndarray, Evidence]:
+    """Align level by level and measure the agreement.
+
+    Parameters
+    ----------
+    parent, photo : Features
+    matrix : (3, 3) float64
+        Photo to parent, right within a few per cent of the footprint.
+    from_columns : int
+        Samples across the photo at the first level.
+
+    Returns
+    -------
+    matrix : (3, 3) float64
+    Evidence
+    """
+    finest = int(np.clip(round(footprint_columns(parent, photo, matrix)), 16, _FINEST_COLUMNS))
+    for columns in _ladder(min(from_columns, finest), finest):
+        last = columns == finest
+        template = make_template(photo, columns, color=last)
+        tolerance = 0.005 if last else 0.03
+        matrix, score = align(parent, template, matrix, unknowns=8, iterations=12, tolerance=tolerance)
+        if score < _HOPELESS:
+            finest = columns
+            break
+    return matrix, measure(parent, make_template(photo, finest), matrix)
+
+
+def _ladder(first: int, last: int) -> list[int]:
+    """Doubling numbers of columns that end at the last."""
+    ladder = [last]
+    while ladder[0] > first * 1.5:
+        ladder.insert(0, max(first, ladder[0] // 2))
+    return ladder
