@@ -22,6 +22,7 @@ import OpenImageIO as oiio
 from numpy.typing import NDArray
 
 from fexel.errors import FexelError
+from fexel.packages import local_file
 
 __all__ = [
     "ImageInfo",
@@ -77,11 +78,12 @@ class ImageInfo:
 
 
 def _open(path: str) -> oiio.ImageInput:
-    if not os.path.exists(path):
+    file = local_file(path)
+    if not os.path.exists(file):
         raise FexelError(f"{path}: no such file")
     keep_unassociated = oiio.ImageSpec()
     keep_unassociated.attribute(_UNASSOCIATED, 1)
-    handle = oiio.ImageInput.open(path, keep_unassociated)
+    handle = oiio.ImageInput.open(file, keep_unassociated)
     if handle is None:
         raise FexelError(f"{path}: {_reason(oiio.geterror())}")
     return handle

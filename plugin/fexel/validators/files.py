@@ -10,6 +10,7 @@ from pxr import Sdf, Usd, UsdShade
 
 from fexel.errors import FexelError
 from fexel.images import ImageInfo, image_info, read_pixels
+from fexel.packages import local_file
 from fexel.validators.fault import Fault, authored_values
 
 __all__ = ["check_files", "image_header", "resolved_files"]
@@ -36,8 +37,6 @@ def _check_asset(attribute: Usd.Attribute, asset: Sdf.AssetPath) -> None:
     if not files:
         raise FexelError(f"{asset.path}: no such file")
     for file in files:
-        if "[" in file:  # inside a package; that USD resolved it means that it is there
-            continue
         _read_last_row(file, *_version(file))
         if attribute.GetBaseName() == "pinchmap" and (channels := image_header(file).channels) != _PINCHMAP_CHANNELS:
             raise FexelError(f"{asset.path}: {channels} channels, expected 4 (d_s, d_t, k, gamma)")
@@ -61,7 +60,7 @@ def image_header(path: str) -> ImageInfo:
 
 def _version(path: str) -> tuple[int, int]:
     try:
-        status = os.stat(path)
+        status = os.stat(local_file(path))
     except OSError as error:
         raise FexelError(f"{path}: {error.strerror}") from None
     return status.st_mtime_ns, status.st_size
