@@ -159,7 +159,7 @@ def unit_square_bounds(root_to_patch: ArrayLike) -> NDArray[np.float64]:
 
 
 def corner_error(matrix: ArrayLike, truth: ArrayLike, corners: ArrayLike = UNIT_SQUARE) -> float:
-    """Largest distance between the images of `corners` under two maps, in units of the target; inf where there is none."""
+    """Largest distance between the images of `corners` under two maps, in units of the target; inf where none is."""
     a, b = apply(matrix, corners), apply(truth, corners)
     distance = np.linalg.norm(a - b, axis=-1)
     return float(np.where(np.isnan(distance), np.inf, distance).max())

@@ -4,31 +4,24 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from zipmap_stage import Patch, front_view, lookup_texture, quad, save, tilted_view, zipmap_stage, zipmap_texture
 
+from bench.zipmap_stage import (
+    Patch,
+    front_view,
+    lookup_texture,
+    pixel_st,
+    quad,
+    save,
+    tilted_view,
+    zipmap_stage,
+    zipmap_texture,
+)
 from fexel import homography, images, mipmaps
-from fexel.renderer.visible import View
 from fexel.textures.pyramid_cache import HALF, SRGB, PyramidCache
 from fexel.textures.system import TextureSystem
 from fexel.textures.zipmap_twin import sample_zipmap
 
 TOLERANCE = 1 / 255
-
-
-def pixel_st(view: View):
-    """st and its Jacobian at every pixel centre of a view of the plane z = 0, and which pixels show it."""
-    plane_to_clip = view.world_to_clip[[0, 1, 3]][:, [0, 1, 3]]
-    to_ndc = np.array([[2 / view.width, 0, 0], [0, -2 / view.height, 0], [-1, 1, 1]])
-    pixel_to_st = to_ndc @ np.linalg.inv(plane_to_clip)
-    x, y = np.meshgrid(np.arange(view.width) + 0.5, np.arange(view.height) + 0.5)
-    pixels = np.stack([x.ravel(), y.ravel()], axis=1)
-    w = pixels @ pixel_to_st[:2, 2] + pixel_to_st[2, 2]
-    pixel_to_st = pixel_to_st * np.sign(w[np.argmax(np.abs(w))])
-    st_ = homography.apply(pixel_to_st, pixels)
-    jacobian = homography.jacobian(pixel_to_st, pixels)
-    shown = np.isfinite(st_).all(axis=1)
-    shown[shown] = ((st_[shown] > 1e-3) & (st_[shown] < 1 - 1e-3)).all(axis=1)
-    return st_, jacobian, shown
 
 
 def stored_pyramid(cache: PyramidCache, source) -> list[np.ndarray]:

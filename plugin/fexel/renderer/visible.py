@@ -19,7 +19,16 @@ from numpy.typing import NDArray
 from fexel.renderer.clipping import clip_triangles, frustum_codes, frustum_planes
 from fexel.scene.model import Draw
 
-__all__ = ["MAX_ERROR_PX", "Pieces", "RebasedMesh", "StFrame", "View", "VisibleSurface", "visible_surface"]
+__all__ = [
+    "MAX_ERROR_PX",
+    "Pieces",
+    "RebasedMesh",
+    "StFrame",
+    "View",
+    "VisibleSurface",
+    "merged_pieces",
+    "visible_surface",
+]
 
 # Largest error of a texture coordinate in float32 that is tolerated before vertices are re-based, in pixels.
 MAX_ERROR_PX = 0.001
@@ -147,7 +156,7 @@ def visible_surface(draw: Draw, view: View, primvars: Iterable[str] = ()) -> Vis
     )
     if not deep:
         return VisibleSurface(pieces, {name: StFrame() for name in names})
-    frames = {name: _frame(st) for name, st in corners.items()}
+    frames = {name: _frame(st, pieces[name]) for name, st in corners.items()}
     return VisibleSurface(pieces, frames, _rebase(draw, triangles, corners, frames))
 
 
@@ -179,7 +188,7 @@ def _pieces(clip: NDArray[np.float64], st: NDArray[np.float64], view: View) -> P
     """Cut triangles until they are small on screen, or merge them when they are many."""
     half = np.array([view.width, view.height]) / 2
     if len(clip) > _MAX_PIECES:
-        return _merged_pieces(clip, st, half)
+        return merged_pieces(clip, st, half)
     done: list[tuple[NDArray, NDArray]] = []
     total = 0
     for _ in range(_MAX_SPLITS):
@@ -240,7 +249,7 @@ def _corner_jacobians(
     return (linear - local * pixel_to_st[:, None, None, :2, 2]) / w, regular
 
 
-def _merged_pieces(clip: NDArray[np.float64], st: NDArray[np.float64], half: NDArray[np.float64]) -> Pieces:
+def merged_pieces(clip: NDArray[np.float64], st: NDArray[np.float64], half: NDArray[np.float64]) -> Pieces:
     """One piece per occupied cell of a grid over st, for dense meshes; its footprints are the extremes within."""
     screen = _screen(clip, half)
     edge, st_edge = screen[:, 1:] - screen[:, :1], st[:, 1:] - st[:, :1]
@@ -278,14 +287,16 @@ def _float32_error_px(pieces: Pieces, st: NDArray[np.float64]) -> float:
         return 0.0
     footprint = np.linalg.norm(pieces.jacobian, axis=(2, 3)).min(axis=1) / np.sqrt(2)
     largest = max(float(np.abs(st).max()), 1e-30)
-    return largest * 2.0**-24 / max(float(np.median(footprint)), 1e-300)
+    return largest * 2.0**-24 / max(float(np.percentile(footprint, 2)), 1e-300)
 
 
-def _frame(st: NDArray[np.float64]) -> StFrame:
+def _frame(st: NDArray[np.float64], pieces: Pieces) -> StFrame:
+    """Origin where the footprint is smallest: there float32 has the most digits, which a grazing view needs there."""
     low, high = st.reshape(-1, 2).min(axis=0), st.reshape(-1, 2).max(axis=0)
-    origin = (low + high) / 2
+    nearest = np.linalg.norm(pieces.jacobian, axis=(2, 3)).max(axis=1).argmin()
+    origin = (pieces.st_min[nearest] + pieces.st_max[nearest]) / 2
     # A power of two keeps the change of scale exact.
-    extent = max(float((high - low).max()) / 2, 1e-300)
+    extent = max(float((high - low).max()), 1e-300)
     return StFrame((float(origin[0]), float(origin[1])), float(2.0 ** -np.ceil(np.log2(extent))))
 
 

@@ -1,4 +1,4 @@
-"""Zipmaps made for tests: stages from arrays, views of a quad, frames rendered with a texture alone."""
+"""Zipmaps made for tests and benchmarks: stages from arrays, views of a quad, frames with a texture alone."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from pxr import Gf, Sdf, Usd
 
 import fexel
-from fexel import images, mipmaps
+from fexel import homography, images, mipmaps
 from fexel.renderer.program import ProgramCache
 from fexel.renderer.visible import View, VisibleSurface, visible_surface
 from fexel.scene.model import Draw, Material, Mesh, Texture
@@ -20,6 +20,7 @@ __all__ = [
     "Patch",
     "front_view",
     "lookup_texture",
+    "pixel_st",
     "quad",
     "render_texture",
     "save",
@@ -171,6 +172,22 @@ def lookup_texture(
     for item in (framebuffer, target, *given):
         item.release()
     return result
+
+
+def pixel_st(view: View) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Per pixel of a view of `quad`, top row first: st (N, 2), its Jacobian per pixel (N, 2, 2), whether it shows."""
+    plane_to_clip = view.world_to_clip[[0, 1, 3]][:, [0, 1, 3]]
+    to_ndc = np.array([[2 / view.width, 0, 0], [0, -2 / view.height, 0], [-1, 1, 1]])
+    pixel_to_st = to_ndc @ np.linalg.inv(plane_to_clip)
+    x, y = np.meshgrid(np.arange(view.width) + 0.5, np.arange(view.height) + 0.5)
+    pixels = np.stack([x.ravel(), y.ravel()], axis=1)
+    w = pixels @ pixel_to_st[:2, 2] + pixel_to_st[2, 2]
+    pixel_to_st = pixel_to_st * np.sign(w[np.argmax(np.abs(w))])
+    st_ = homography.apply(pixel_to_st, pixels)
+    jacobian = homography.jacobian(pixel_to_st, pixels)
+    shown = np.isfinite(st_).all(axis=1)
+    shown[shown] = ((st_[shown] > 1e-3) & (st_[shown] < 1 - 1e-3)).all(axis=1)
+    return st_, jacobian, shown
 
 
 def _draw(gl, program, draw: Draw, surface: VisibleSurface, view: View) -> None:
