@@ -15,6 +15,7 @@ from fexel.renderer.brdf_table import ggx_albedo
 from fexel.renderer.lighting import AnalyticLights, DomeTextures, analytic_lights, world_lights
 from fexel.renderer.mesh_buffers import MeshBuffers, MeshCache, rebased_buffers
 from fexel.renderer.program import Define, ProgramCache
+from fexel.renderer.surface import Surface
 from fexel.renderer.view_list import Item, ViewList, Viewpoint
 
 if TYPE_CHECKING:
@@ -32,12 +33,18 @@ _ALBEDO_UNIT, _IRRADIANCE_UNIT, _RADIANCE_UNIT, _FIRST_TEXTURE_UNIT = 0, 1, 2, 3
 
 @dataclass
 class Pass:
-    """Defines and uniforms shared by the draws of a pass; `prepared` holds the programs that have them already."""
+    """Defines and uniforms shared by the draws of a pass.
+
+    `prepared` holds the programs that have the pass's uniforms already, `surfaces` whose uniforms each has, `programs`
+    those of surfaces met before.
+    """
 
     defines: dict[str, Define]
     largest_value: float
     clip_offset: tuple[float, float]
     prepared: set[int] = field(default_factory=set)
+    programs: dict[tuple, moderngl.Program] = field(default_factory=dict)
+    surfaces: dict[int, Surface] = field(default_factory=dict)
 
 
 class DrawState:
@@ -84,15 +91,15 @@ class DrawState:
     def begin_view(self, view_list: ViewList) -> None:
         """Camera of a tile; its textures become resident."""
         self._viewpoint = view_list.viewpoint
-        requests = [request for item in view_list.items for request in item.requests]
-        if not requests:
+        distinct = {id(item.requests): item.requests for item in view_list.items if item.requests}
+        if not distinct:
             return
         if self._textures is None:
             from fexel.textures.system import TextureSystem
 
             self._textures = TextureSystem(self._gl, **self._texture_options)
-        self._textures.begin_view(requests)
-        self._bindings = {id(item): self._textures.binding(item.requests) for item in view_list.items if item.requests}
+        self._textures.begin_view([request for requests in distinct.values() for request in requests])
+        self._bindings = {key: self._textures.binding(requests) for key, requests in distinct.items()}
 
     def end_view(self) -> None:
         """Free what belongs to the tile alone."""
@@ -114,12 +121,16 @@ class DrawState:
 
     def draw(self, item: Item, passed: Pass, cull: str = "") -> None:
         """Draw one item; `cull`: '', 'front' or 'back' faces are left out."""
-        binding = self._bindings.get(id(item))
+        binding = self._bindings.get(id(item.requests)) if item.requests else None
         program = self._program(item, passed, binding)
         if program.glo not in passed.prepared:
             self._set_pass_uniforms(program, passed)
             passed.prepared.add(program.glo)
-        self._set_surface_uniforms(program, item)
+        if passed.surfaces.get(program.glo) is not item.surface:
+            passed.surfaces[program.glo] = item.surface
+            for name, value in item.surface.uniforms.items():
+                _set(program, name, value)
+        self._set_draw_uniforms(program, item)
         if binding is not None:
             binding.apply(program, _FIRST_TEXTURE_UNIT)
         self._set_faces(item, cull)
@@ -129,6 +140,12 @@ class DrawState:
             self._draw_mesh(program, item)
 
     def _program(self, item: Item, passed: Pass, binding: TextureBinding | None) -> moderngl.Program:
+        key = (id(item.surface), id(binding), item.rebased is not None)
+        if key not in passed.programs:
+            passed.programs[key] = self._compiled(item, passed, binding)
+        return passed.programs[key]
+
+    def _compiled(self, item: Item, passed: Pass, binding: TextureBinding | None) -> moderngl.Program:
         assert self._viewpoint is not None
         defines = item.surface.defines | passed.defines
         defines["CLIPPING_PLANE_COUNT"] = min(len(self._viewpoint.clipping_planes), _MAX_CLIPPING_PLANES)
@@ -176,9 +193,7 @@ class DrawState:
             texture.use(unit)
             program[name] = unit
 
-    def _set_surface_uniforms(self, program: moderngl.Program, item: Item) -> None:
-        for name, value in item.surface.uniforms.items():
-            _set(program, name, value)
+    def _set_draw_uniforms(self, program: moderngl.Program, item: Item) -> None:
         _set(program, "primId", float(item.draw.prim_id))
         frame = (0.0, 0.0, 1.0)
         if item.visible is not None:
@@ -270,7 +285,7 @@ def _normal_matrix(to_world: np.ndarray) -> np.ndarray:
 
 
 def _set(program: moderngl.Program, name: str, value: float | tuple[float, ...]) -> None:
-    if name in program:
+    if program.get(name, None) is not None:
         program[name] = value
 
 
@@ -278,7 +293,7 @@ def _write(program: moderngl.Program, name: str, array: np.ndarray) -> None:
     """Row vectors' matrices and arrays of vectors, as the same bytes."""
     import moderngl
 
-    if name in program and array.size:
-        uniform = program[name]
+    uniform = program.get(name, None)
+    if uniform is not None and array.size:
         assert isinstance(uniform, moderngl.Uniform)
         uniform.write(np.ascontiguousarray(array, np.float32).tobytes())

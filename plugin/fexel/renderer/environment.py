@@ -86,11 +86,11 @@ def dome_irradiance(radiance: np.ndarray) -> np.ndarray:
     area = np.cos((0.5 - (np.arange(radiance.shape[0]) + 0.5) / radiance.shape[0]) * np.pi)
     weighted = _block_sums(radiance * area[:, None, None], step)
     weights = _block_sums(np.broadcast_to(area[:, None, None], (*radiance.shape[:2], 1)), step)
-    towards = latlong_directions(_SOURCE_HEIGHT).reshape(-1, 3)
-    facing = latlong_directions(_IRRADIANCE_HEIGHT).reshape(-1, 3)
-    cosines = np.maximum(facing @ towards.T, 0.0).astype(np.float32)
-    irradiance = cosines @ weighted.reshape(-1, 3) / (cosines @ weights.reshape(-1, 1))
-    return irradiance.reshape(_IRRADIANCE_HEIGHT, 2 * _IRRADIANCE_HEIGHT, 3).astype(np.float32)
+    towards = latlong_directions(_SOURCE_HEIGHT).reshape(-1, 3).astype(np.float32)
+    facing = latlong_directions(_IRRADIANCE_HEIGHT).reshape(-1, 3).astype(np.float32)
+    cosines = np.maximum(facing @ towards.T, 0.0)
+    sums = cosines @ np.concatenate([weighted, weights], axis=-1).reshape(-1, 4).astype(np.float32)
+    return (sums[:, :3] / sums[:, 3:]).reshape(_IRRADIANCE_HEIGHT, 2 * _IRRADIANCE_HEIGHT, 3)
 
 
 def _block_sums(image: np.ndarray, step: int) -> np.ndarray:
@@ -118,17 +118,30 @@ def _read(file: str) -> np.ndarray:
     """Linear image (H, W, 3) float32, averaged down to about the resolution that is needed."""
     import OpenImageIO as oiio
 
-    source = oiio.ImageBuf(file)
-    if not source.read(0, 0, True, oiio.FLOAT):
-        raise FexelError(f"{file}: {source.geterror() or 'cannot be read'}")
-    space = source.spec().get_string_attribute("oiio:ColorSpace") or (
-        "" if Path(file).suffix in (".exr", ".hdr") else "sRGB"
-    )
-    pixels = np.nan_to_num(source.get_pixels(oiio.FLOAT), nan=0.0, posinf=65504.0, neginf=0.0)
-    pixels = np.repeat(pixels[..., :1], 3, axis=-1) if pixels.shape[-1] < 3 else pixels[..., :3]
-    if "srgb" in space.lower():
-        pixels = np.where(pixels <= 0.04045, pixels / 12.92, ((np.maximum(pixels, 0.04045) + 0.055) / 1.055) ** 2.4)
-    return _reduced(pixels.astype(np.float32), 2 * RADIANCE_HEIGHT)
+    source = oiio.ImageInput.open(file)
+    if not source:
+        raise FexelError(f"{file}: {' '.join(oiio.geterror().split())}")
+    spec = source.spec()
+    small = spec.format.basetype == oiio.UINT8
+    pixels = source.read_image(0, 0, 0, min(spec.nchannels, 3), oiio.UINT8 if small else oiio.FLOAT)
+    source.close()
+    if pixels is None:
+        raise FexelError(f"{file}: {' '.join(source.geterror().split())}")
+    pixels = pixels.reshape(spec.height, spec.width, -1)
+    pixels = pixels if pixels.shape[-1] == 3 else np.repeat(pixels[..., :1], 3, axis=-1)
+    space = spec.get_string_attribute("oiio:ColorSpace")
+    linear_format = Path(file).suffix.lower() in (".exr", ".hdr")
+    encoded = "srgb" in space.lower() or (not space and not linear_format)
+    if small:
+        levels = np.arange(256, dtype=np.float32) / 255.0
+        return _reduced((_decode_srgb(levels) if encoded else levels)[pixels], 2 * RADIANCE_HEIGHT)
+    pixels = np.nan_to_num(pixels, nan=0.0, posinf=65504.0, neginf=0.0)
+    return _reduced(_decode_srgb(pixels) if encoded else pixels, 2 * RADIANCE_HEIGHT)
+
+
+def _decode_srgb(values: np.ndarray) -> np.ndarray:
+    curve = ((np.maximum(values, 0.04045) + 0.055) / 1.055) ** 2.4
+    return np.where(values <= 0.04045, values / 12.92, curve).astype(np.float32)
 
 
 def _reduced(image: np.ndarray, height: int) -> np.ndarray:

@@ -1,26 +1,28 @@
 """What a tile sees of a scene: draws in view with their surfaces, sorted for drawing.
 
 Draws are culled by their bounds in float64, all at once; a draw with textures is looked at more closely by
-`visible_surface`, which tells the texture system what is needed.
+`visible_surface`, which tells the texture system what is needed; many small occurrences of one mesh at once.
 """
 
 from __future__ import annotations
 
 import weakref
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from fexel.renderer.instances import SMALL_PX, pixels_per_unit, shared_surface
 from fexel.renderer.surface import Surface
 from fexel.renderer.viewport import Tile
+from fexel.renderer.visible import View, visible_surface
 from fexel.scene.model import Camera, Draw, Material, Mesh, Scene
+from fexel.textures.system import TextureRequest
 
 if TYPE_CHECKING:
     from fexel.renderer.visible import RebasedMesh, VisibleSurface
-    from fexel.textures.system import TextureRequest
 
 __all__ = ["Item", "ViewList", "Viewpoint"]
 
@@ -48,6 +50,11 @@ class Viewpoint:
     perspective: bool
     clipping_planes: np.ndarray
     tile: Tile
+
+    @property
+    def size_px(self) -> tuple[int, int]:
+        """Width and height of the tile."""
+        return self.tile.width, self.tile.height
 
     @classmethod
     def of(cls, camera: Camera, projection: np.ndarray, tile: Tile) -> Viewpoint:
@@ -86,6 +93,37 @@ class Item:
 
 
 @dataclass(frozen=True, eq=False)
+class _Bounded:
+    """A draw whose bounds are in view; `clip` (8, 4): their corners."""
+
+    draw: Draw
+    surface: Surface
+    distance: float
+    clip: np.ndarray
+    size_px: tuple[int, int]
+
+    @cached_property
+    def is_small(self) -> bool:
+        """In front of the camera and at most `SMALL_PX` wide and high."""
+        w = self.clip[:, 3:]
+        if (w <= 0.0).any() or (self.clip[:, 2:3] < -w).any():
+            return False
+        return bool((np.ptp(self.clip[:, :2] / w, axis=0) * self.size_px / 2 <= SMALL_PX).all())
+
+
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """What is seen of a textured draw, and the requests for its textures."""
+
+    visible: VisibleSurface
+    requests: tuple[TextureRequest, ...]
+
+    @classmethod
+    def of(cls, surface: Surface, visible: VisibleSurface) -> _Seen:
+        return cls(visible, tuple(TextureRequest(texture, visible) for texture in surface.textures))
+
+
+@dataclass(frozen=True, eq=False)
 class ViewList:
     """Draws of a tile."""
 
@@ -96,8 +134,9 @@ class ViewList:
     def of(cls, scene: Scene, viewpoint: Viewpoint) -> ViewList:
         """What `viewpoint` sees of `scene`."""
         draws = [draw for draw in scene.draws if draw.triangle_count > 0]
-        seen, distances = _in_view(draws, viewpoint)
-        items = (_item(draws[i], float(distances[i]), viewpoint) for i in np.flatnonzero(seen))
+        bounds = list(_in_view(draws, viewpoint))
+        shared = _shared_requests(bounds, viewpoint)
+        items = (_item(bounded, viewpoint, shared.get(_occurrence_key(bounded))) for bounded in bounds)
         return cls(viewpoint, tuple(item for item in items if item is not None))
 
     @cached_property
@@ -133,27 +172,49 @@ def _corners(mesh: Mesh) -> np.ndarray:
     return _bounds[mesh]
 
 
-def _in_view(draws: Sequence[Draw], viewpoint: Viewpoint) -> tuple[np.ndarray, np.ndarray]:
-    """Whether the bounds of each draw touch the view (N,) bool, and their distance from the camera (N,)."""
+def _in_view(draws: Sequence[Draw], viewpoint: Viewpoint) -> Iterator[_Bounded]:
+    """The draws whose bounds touch the view."""
     if not draws:
-        return np.zeros(0, bool), np.zeros(0)
+        return
     world = np.stack([_corners(draw.mesh) for draw in draws]) @ np.stack([draw.object_to_world for draw in draws])
     distance = np.linalg.norm(world[..., :3].mean(axis=1) - viewpoint.eye, axis=1)
     clip = world @ viewpoint.world_to_clip
     w = clip[..., 3:]
     beyond = np.concatenate([clip[..., :3] > w, clip[..., :3] < -w], axis=-1)  # (N, 8 corners, 6 planes)
-    return ~beyond.all(axis=1).any(axis=1), distance
+    seen = ~beyond.all(axis=1).any(axis=1)
+    for i, draw in enumerate(draws):
+        if seen[i]:
+            yield _Bounded(draw, _surface(draw.material, draw.mesh), float(distance[i]), clip[i], viewpoint.size_px)
 
 
-def _item(draw: Draw, distance: float, viewpoint: Viewpoint) -> Item | None:
-    surface = _surface(draw.material, draw.mesh)
+def _occurrence_key(bounded: _Bounded) -> tuple:
+    draw = bounded.draw
+    return (id(draw.mesh), id(draw.material), draw.first_triangle, draw.triangle_count, bounded.is_small)
+
+
+def _shared_requests(bounds: Sequence[_Bounded], viewpoint: Viewpoint) -> dict[tuple, _Seen]:
+    """One surface for the small textured occurrences of each mesh and material, where there are several."""
+    groups: dict[tuple, list[_Bounded]] = {}
+    for bounded in bounds:
+        if bounded.is_small and bounded.surface.textures:
+            groups.setdefault(_occurrence_key(bounded), []).append(bounded)
+    return {key: _seen_together(group, viewpoint) for key, group in groups.items() if len(group) > 1}
+
+
+def _seen_together(group: Sequence[_Bounded], viewpoint: Viewpoint) -> _Seen:
+    scales = [pixels_per_unit(one.clip, one.draw, viewpoint.world_to_clip, viewpoint.size_px) for one in group]
+    surface = group[0].surface
+    return _Seen.of(surface, shared_surface([one.draw for one in group], scales, surface.st_primvars))
+
+
+def _item(bounded: _Bounded, viewpoint: Viewpoint, shared: _Seen | None) -> Item | None:
+    draw, surface = bounded.draw, bounded.surface
     if not surface.textures:
-        return Item(draw, surface, distance)
-    from fexel.renderer.visible import View, visible_surface
-    from fexel.textures.system import TextureRequest
-
-    view = View(viewpoint.world_to_clip, viewpoint.tile.width, viewpoint.tile.height)
-    visible = visible_surface(draw, view, surface.st_primvars)
-    if visible is None:
-        return None
-    return Item(draw, surface, distance, visible, tuple(TextureRequest(t, visible) for t in surface.textures))
+        return Item(draw, surface, bounded.distance)
+    if shared is None:
+        view = View(viewpoint.world_to_clip, *viewpoint.size_px)
+        visible = visible_surface(draw, view, surface.st_primvars)
+        if visible is None:
+            return None
+        shared = _Seen.of(surface, visible)
+    return Item(draw, surface, bounded.distance, shared.visible, shared.requests)
