@@ -8,11 +8,12 @@ from pathlib import Path
 import OpenImageIO as oiio
 
 import fexel
-from fexel_tools.zipmap import ZipmapOptions, make_zipmap
+from fexel_tools.authoring import ZipmapOptions
+from fexel_tools.zipmap import make_zipmap
 
 __all__ = ["author"]
 
-_FALLBACK_PX = 800
+_FALLBACK_PX = 640
 
 
 def author(photos: list[Path], stage: Path, shrink: float) -> None:

@@ -13,4 +13,4 @@ sys.path.insert(0, str(FOLDER.parent))
 import stage_from_photos  # noqa: E402 - beside the folders of the stages
 
 if __name__ == "__main__":
-    stage_from_photos.author(sorted((FOLDER / "photos").glob("*.jpg")), FOLDER / "zipmap_wall.usda", shrink=0.8)
+    stage_from_photos.author(sorted((FOLDER / "photos").glob("*.jpg")), FOLDER / "zipmap_wall.usda", shrink=0.7)

@@ -81,12 +81,14 @@ def make_demo(photos: Sequence[Path], output: Path, frames: int = _FRAME_COUNT, 
     Raises
     ------
     FexelError
-        Unreadable photos, no OpenGL, a folder that cannot be written.
+        Unreadable photos, photos that share nothing, no OpenGL, a folder that cannot be written.
     """
     output.mkdir(parents=True, exist_ok=True)
     stage_path = output / "zipmap_demo.usda"
     make_zipmap([str(photo) for photo in photos], stage_path)
     stage = Usd.Stage.Open(str(stage_path))
+    if len(fexel.ZipmapTexture.Get(stage, TEXTURE_PATH).GetPatches()) < 2:
+        raise FexelError(f"{stage_path}: no photo could be placed on another, so there is nothing to zoom into")
     times = range(1, frames + 1)
     magnifications = add_camera(stage, frames)
     with fexel.Renderer() as renderer:
