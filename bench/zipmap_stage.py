@@ -18,6 +18,7 @@ from fexel.textures.system import TextureRequest, TextureSystem
 
 __all__ = [
     "Patch",
+    "compiled_view",
     "front_view",
     "lookup_texture",
     "pixel_st",
@@ -125,7 +126,7 @@ def render_texture(
         defines = binding.defines | {"TEXTURE_SAMPLE": f"{texture.kind}_sample", "TEXTURE_AOVS": int(aovs)}
         program = ProgramCache(gl).get("texture_view.vert", "texture_view.frag", defines, [f"{texture.kind}.glsl"])
         binding.apply(program)
-        _draw(gl, program, draw, surface, view)
+        _vertex_array(gl, program, draw, surface, view).render()
     result = np.concatenate(
         [np.frombuffer(t.read(), np.float32).reshape(view.height, view.width, 4) for t in targets], -1
     )
@@ -135,6 +136,22 @@ def render_texture(
     if system is None:
         own.release()
     return result[::-1].copy()
+
+
+def compiled_view(gl, programs, draw: Draw, view: View, textured=None):
+    """What draws a quad again and again: ``draw()`` for a ready program, or program, binding and ``draw()`` for a
+    (texture, system) pair and a `ProgramCache`.
+    """
+    surface = visible_surface(draw, view, ["st"])
+    if textured is None:
+        return _vertex_array(gl, programs, draw, surface, view).render
+    texture, system = textured
+    request = TextureRequest(texture, surface)
+    system.begin_view([request])
+    binding = system.binding([request])
+    defines = binding.defines | {"TEXTURE_SAMPLE": f"{texture.kind}_sample", "TEXTURE_AOVS": 0}
+    program = programs.get("texture_view.vert", "texture_view.frag", defines, [f"{texture.kind}.glsl"])
+    return program, binding, _vertex_array(gl, program, draw, surface, view).render
 
 
 def lookup_texture(
@@ -190,7 +207,7 @@ def pixel_st(view: View) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return st_, jacobian, shown
 
 
-def _draw(gl, program, draw: Draw, surface: VisibleSurface, view: View) -> None:
+def _vertex_array(gl, program, draw: Draw, surface: VisibleSurface, view: View):
     if surface.rebased is not None:
         position, st, triangles = surface.rebased.clip_position, surface.rebased.st["st"], surface.rebased.triangles
     else:
@@ -200,7 +217,4 @@ def _draw(gl, program, draw: Draw, surface: VisibleSurface, view: View) -> None:
     gl.disable(gl.CULL_FACE | gl.DEPTH_TEST)
     vertices = gl.buffer(np.concatenate([position, st], axis=1).astype(np.float32).tobytes())
     indices = gl.buffer(triangles.astype(np.int32).tobytes())
-    array = gl.vertex_array(program, [(vertices, "4f 2f", "in_position", "in_st")], indices)
-    array.render()
-    for item in (array, vertices, indices):
-        item.release()
+    return gl.vertex_array(program, [(vertices, "4f 2f", "in_position", "in_st")], indices)
