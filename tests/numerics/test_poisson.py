@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fexel.errors import FexelError
-from fexel_tools.poisson import clone, good_size, harmonic, laplacian_residual, ring_of, ring_points
+from fexel_tools.poisson import clone, detailed_border, good_size, harmonic, laplacian_residual, ring_of, ring_points
 
 
 def direct_solve(child, border):
@@ -190,3 +190,28 @@ def test_shapes_are_checked(rng):
         clone(rng.random((5, 5, 3)), np.zeros((15, 3)))
     with pytest.raises(FexelError):
         clone(np.zeros((5, 5)), np.zeros((16, 1)))
+
+
+def test_detailed_border_of_a_coarse_parent_leaves_the_colour_of_the_child(rng):
+    """A parent that is the child's own picture at a sixth of the size calls for no correction at all."""
+    child = np.zeros((120, 180, 3), np.float32)
+    child[:, :] = 0.5
+    child[0::12] = 0.1  # a dark joint along the first row, too fine for the parent
+    child += rng.normal(0, 0.01, child.shape).astype(np.float32)
+    parent = child.reshape(20, 6, 30, 6, 3).mean(axis=(1, 3))
+    x, y = np.floor(ring_points(120, 180) / 6).astype(int).T
+    border = parent[y, x]
+    plain = np.abs(clone(child, border) - child)[20:-20, 20:-20]
+    detailed = np.abs(clone(child, detailed_border(child, border, 6)) - child)[20:-20, 20:-20]
+    assert detailed.mean() < 0.2 * plain.mean()
+
+
+def test_detailed_border_keeps_a_change_of_exposure_and_missing_samples(rng):
+    child = rng.random((60, 90, 3)).astype(np.float32)
+    means = child.reshape(20, 3, 30, 3, 3).mean(axis=(1, 3))
+    border = np.repeat(np.repeat(means, 3, 0), 3, 1)
+    border = ring_of(border + 0.25)
+    border[5] = np.nan
+    solved = clone(child, detailed_border(child, border, 3))
+    assert np.abs((solved - child)[15:-15, 15:-15] - 0.25).max() < 0.02
+    assert np.array_equal(detailed_border(child, border, 1.0), border, equal_nan=True)

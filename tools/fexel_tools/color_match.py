@@ -178,13 +178,15 @@ def _texels_of_child_per_parent(parent_from_child: np.ndarray, height: int, widt
 
 
 def _reduced(child: np.ndarray, columns: int, rows: int) -> np.ndarray:
-    """Area averages; NaN where any pixel is clipped or not finite."""
-    child = np.asarray(child, np.float32)
-    good = (child < _BRIGHTEST).astype(np.float32)  # false for NaN
-    clean = np.where(good > 0, child, np.float32(0))
-    small = cv2.resize(clean, (columns, rows), interpolation=cv2.INTER_AREA)
-    share = cv2.resize(good, (columns, rows), interpolation=cv2.INTER_AREA)
-    return np.where(share > 0.999, small, np.float32(np.nan)).reshape(rows, columns, 3)
+    """Area averages (rows, columns, 3); NaN where any pixel is clipped or not finite. By channel, to spare memory."""
+    small = np.empty((rows, columns, 3), np.float32)
+    for c in range(3):
+        channel = np.asarray(child[:, :, c], np.float32)
+        good = channel < _BRIGHTEST  # false for NaN
+        mean = cv2.resize(np.where(good, channel, np.float32(0)), (columns, rows), interpolation=cv2.INTER_AREA)
+        share = cv2.resize(good.astype(np.float32), (columns, rows), interpolation=cv2.INTER_AREA)
+        small[:, :, c] = np.where(share > 0.999, mean, np.float32(np.nan))
+    return small
 
 
 def _warped(parent: np.ndarray, parent_from_grid: np.ndarray, columns: int, rows: int) -> np.ndarray:

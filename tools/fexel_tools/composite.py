@@ -76,6 +76,18 @@ class Composite:
         alpha = color[:, 3:]
         return np.where(alpha > 0.5, color[:, :3] / np.maximum(alpha, 0.5), np.float32(np.nan)).astype(np.float32)
 
+    def texel_px(self, root_from_photo: np.ndarray, points: np.ndarray) -> float:
+        """Side of a texel of the topmost layer, in photo pixels: the median over the points, at least 1."""
+        side = np.full(len(points), np.nan)
+        for layer in self.layers:
+            matrix = layer.texture_from_root @ root_from_photo
+            matrix = matrix / (matrix[2] @ [*points.mean(axis=0), 1.0])
+            texels, info = apply_homography(matrix, points), image_info(layer.file)
+            with np.errstate(invalid="ignore"):
+                inside = ((texels >= 0.0) & (texels <= (info.width, info.height))).all(axis=1)
+            side[inside] = 1.0 / np.maximum(density(matrix, points[inside]), 1e-6)  # 1e-6 guards points at infinity
+        return max(1.0, float(np.nanmedian(side))) if np.isfinite(side).any() else 1.0
+
 
 def _sample_layer(layer: Layer, root_from_photo: np.ndarray, points: np.ndarray, step_px: float) -> np.ndarray:
     matrix = layer.texture_from_root @ root_from_photo

@@ -25,12 +25,12 @@ import numpy as np
 
 from fexel.images import linear_to_srgb
 from fexel_tools.blend_mask import blend_mask
-from fexel_tools.color_match import match_samples
+from fexel_tools.color_match import match_color
 from fexel_tools.composite import Composite, Layer
 from fexel_tools.consistency import apply_homography
 from fexel_tools.coverage import clip_convex, rectangle
 from fexel_tools.photos import Photo, load_photo
-from fexel_tools.poisson import clone, ring_points
+from fexel_tools.poisson import clone, detailed_border, ring_points
 from fexel_tools.texture_files import write_texture
 
 __all__ = ["PatchJob", "write_textures"]
@@ -158,17 +158,17 @@ def _match_exposure(job: PatchJob, below: Composite, rgb: np.ndarray) -> np.ndar
     height, width = rgb.shape[:2]
     step = max(1.0, max(height, width) / _MATCH_SIDE_PX)
     size = (max(1, round(width / step)), max(1, round(height / step)))
-    small = cv2.resize(rgb, size, interpolation=cv2.INTER_AREA)
     columns = (np.arange(size[0]) + 0.5) * (width / size[0]) + job.window[0]
     rows = (np.arange(size[1]) + 0.5) * (height / size[1]) + job.window[1]
     points = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2)
-    parent = below.sample(job.root_from_photo, points, step)
-    return match_samples(small.reshape(-1, 3), parent).apply(rgb)
+    parent = below.sample(job.root_from_photo, points, step).reshape(size[1], size[0], 3)
+    return match_color(rgb, parent, np.diag([size[0] / width, size[1] / height, 1.0])).apply(rgb)
 
 
 def _meet_below(job: PatchJob, below: Composite, rgb: np.ndarray) -> np.ndarray:
     points = ring_points(*rgb.shape[:2]) + np.array(job.window[:2], np.float64)
-    solved = clone(rgb, below.sample(job.root_from_photo, points))
+    border = below.sample(job.root_from_photo, points)
+    solved = clone(rgb, detailed_border(rgb, border, below.texel_px(job.root_from_photo, points)))
     return np.maximum(solved, np.float32(0.0), out=solved)  # the equation has no bounds, light has
 
 
