@@ -27,8 +27,7 @@ def overlapping_pairs(st: np.ndarray, chart: np.ndarray) -> np.ndarray:
     (K, 2) int64
         Each pair once, the lower index first.
     """
-    pairs = _candidates(st)
-    pairs = pairs[chart[pairs[:, 0]] == chart[pairs[:, 1]]]
+    pairs = _candidates(st, chart)
     a, b = st[pairs[:, 0]], st[pairs[:, 1]]
     apart = _far_side(a, b) | _far_side(b, a)
     return pairs[~apart]
@@ -58,8 +57,8 @@ def _far_side(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return outside.any(axis=1) | (turn == 0)  # a triangle without extent covers nothing
 
 
-def _candidates(st: np.ndarray) -> np.ndarray:
-    """Pairs (K, 2) of triangles whose bounding boxes share a cell."""
+def _candidates(st: np.ndarray, chart: np.ndarray) -> np.ndarray:
+    """Pairs (K, 2) of triangles of the same chart whose bounding boxes overlap, found in the cells that both touch."""
     cells = max(1, int(np.sqrt(len(st))))
     low = np.clip((st.min(axis=1) * cells).astype(np.int64), 0, cells - 1)
     high = np.clip((st.max(axis=1) * cells).astype(np.int64), 0, cells - 1)
@@ -71,10 +70,14 @@ def _candidates(st: np.ndarray) -> np.ndarray:
     cell = (low[triangle, 1] + row) * cells + low[triangle, 0] + column
     order = np.argsort(cell, kind="stable")
     cell, triangle = cell[order], triangle[order]
+    box_low, box_high = st.min(axis=1), st.max(axis=1)
     found = [np.zeros((0, 2), np.int64)]
     for step in range(1, int(np.bincount(cell).max())):  # entries `step` apart in the sorted list, in the same cell
         same = np.flatnonzero(cell[step:] == cell[:-step])
         if not len(same):
             break
-        found.append(np.sort(np.column_stack([triangle[same], triangle[same + step]]), axis=1))
+        a, b = triangle[same], triangle[same + step]
+        near = (box_low[a] < box_high[b]).all(axis=1) & (box_low[b] < box_high[a]).all(axis=1)
+        near &= chart[a] == chart[b]
+        found.append(np.sort(np.column_stack([a[near], b[near]]), axis=1))
     return np.unique(np.concatenate(found), axis=0)
