@@ -112,7 +112,7 @@ def random_view(rng):
     )
 
 
-@settings(max_examples=60, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+@settings(max_examples=40, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 @given(seed=st.integers(0, 2**32 - 1), anisotropy=st.sampled_from([1.0, 4.0, 16.0]))
 def test_zipmap_shader_equals_float64_twin(gl, tmp_path_factory, seed, anisotropy):
     rng = np.random.default_rng(seed)

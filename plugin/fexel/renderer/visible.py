@@ -41,6 +41,8 @@ _MAX_DEPTH_RATIO = 1.25
 _MAX_SPLITS = 14
 _MAX_PIECES = 6000
 _MERGE_CELLS = 64
+# Stands in for the corners (x w, y w, w) of triangles that are left out.
+_ANY_TRIANGLE = np.array([[1.0, 0, 1], [0, 1, 1], [0, 0, 1]])
 
 
 @dataclass(frozen=True, eq=False)
@@ -238,7 +240,7 @@ def _corner_jacobians(
     determinant = np.linalg.det(rows)
     # Twice the area in pixels; below this a triangle covers no sample, and its inverse would be noise.
     regular = np.abs(determinant) > 1e-9
-    rows = np.where(regular[:, None, None], rows, np.eye(3))
+    rows = np.where(regular[:, None, None], rows, _ANY_TRIANGLE)
     homogeneous = np.concatenate([st - origin, np.ones_like(st[..., :1])], axis=-1)
     pixel_to_st = np.linalg.solve(rows, homogeneous)
     pixels = rows[..., :2] / rows[..., 2:]

@@ -1,0 +1,76 @@
+"""Images: linear, premultiplied, finite, whatever the file holds; partial reads; nothing half-written."""
+
+import numpy as np
+import OpenImageIO as oiio
+import pytest
+
+from fexel import images, mipmaps
+from fexel.errors import FexelError
+
+
+def write(path, pixels, **attributes):
+    buffer = oiio.ImageBuf(np.ascontiguousarray(pixels))
+    for name, value in attributes.items():
+        buffer.specmod().attribute(name.replace("__", ":"), value)
+    assert buffer.write(str(path))
+    return str(path)
+
+
+def test_images_srgb_round_trip(rng):
+    encoded = rng.random(1000).astype(np.float32)
+    assert np.abs(images.linear_to_srgb(images.srgb_to_linear(encoded)) - encoded).max() < 1e-5
+
+
+def test_images_png_alpha_is_multiplied_in_linear_light(tmp_path):
+    pixels = np.full((4, 4, 4), (188, 188, 188, 128), np.uint8)
+    texels = images.read_linear(write(tmp_path / "a.png", pixels, oiio__UnassociatedAlpha=1))
+    expected = images.srgb_to_linear(np.float32([188 / 255]))[0] * 128 / 255
+    assert np.abs(texels[..., :3] - expected).max() < 1e-5
+    assert np.abs(texels[..., 3] - 128 / 255).max() < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("channels", "dtype", "space"), [(3, "uint8", "sRGB"), (1, "uint8", "raw"), (3, "uint16", "raw")]
+)
+def test_images_auto_color_space_is_that_of_usd(tmp_path, channels, dtype, space):
+    pixels = np.zeros((4, 4, channels), dtype)
+    assert images.image_info(write(tmp_path / "a.png", pixels)).color_space == space
+
+
+def test_images_exr_is_cleaned_of_nan_and_infinity(tmp_path):
+    pixels = np.float32([[[np.nan, np.inf, -np.inf, 2.0], [0.5, 0.25, 0, 0.5]]])
+    texels = images.read_linear(write(tmp_path / "a.exr", pixels))
+    assert np.isfinite(texels).all()
+    assert texels[0, 0].tolist() == [0, 65504, -65504, 1]
+    assert np.abs(texels[0, 1] - [0.5, 0.25, 0, 0.5]).max() == 0
+
+
+@pytest.mark.parametrize(("name", "dtype"), [("a.tif", "uint8"), ("a.tif", "uint16"), ("a.exr", "float16")])
+def test_images_windows_of_levels_are_read_alone(tmp_path, rng, name, dtype):
+    texels = np.concatenate([rng.random((90, 150, 3)), np.ones((90, 150, 1))], -1).astype(np.float32)
+    path = str(tmp_path / name)
+    levels = mipmaps.pyramid(texels)
+    images.write_pyramid(path, levels, dtype, "raw")
+    info = images.image_info(path)
+    assert info.tiled
+    assert info.level_sizes == tuple((level.shape[1], level.shape[0]) for level in levels)
+    for level, box in ((0, (67, 3, 150, 90)), (1, (10, 20, 31, 40)), (3, (0, 0, 18, 11))):
+        window = images.to_linear(images.read_pixels(info, level, box), info, "raw")
+        expected = levels[level][box[1] : box[3], box[0] : box[2]]
+        assert np.abs(window - expected).max() < 1 / 255
+
+
+@pytest.mark.parametrize("content", [None, b"", b"no image at all"])
+def test_images_that_cannot_be_read_are_named_in_one_line(tmp_path, content):
+    path = tmp_path / "broken.png"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(FexelError, match=r"broken\.png") as error:
+        images.image_info(str(path))
+    assert "\n" not in str(error.value)
+
+
+def test_images_nothing_is_left_half_written(tmp_path):
+    with pytest.raises(FexelError):
+        images.write_pyramid(str(tmp_path / "none" / "a.tif"), [np.zeros((4, 4, 3))])
+    assert not list(tmp_path.iterdir())
