@@ -145,7 +145,7 @@ def test_cameras_are_found_by_path_name_and_end_of_path(stage):
     assert reader.camera_at(camera="Cameras/Wide").path == "/World/Cameras/Wide"
     assert reader.camera_at().path == "/World/Cameras/Detail"
     define_camera(stage, "/Last/main_cam")
-    assert reader.camera_at().path == "/Last/main_cam"
+    assert SceneReader(stage).camera_at().path == "/Last/main_cam"
 
 
 @pytest.mark.parametrize(

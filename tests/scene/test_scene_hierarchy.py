@@ -299,3 +299,15 @@ def test_hierarchy_deeper_than_the_interpreter_s_stack(stage, define_mesh, read)
     path = "/D" + "/D" * 1500
     define_mesh(stage, f"{path}/M")
     assert read(stage)[0].draws[0].path == f"{path}/M"
+
+
+def test_animated_inherited_display_colour(stage, define_mesh):
+    define_mesh(stage, "/P/M")
+    primvar = UsdGeom.PrimvarsAPI(stage.GetPrimAtPath("/P")).CreatePrimvar(
+        "displayColor", Sdf.ValueTypeNames.Color3fArray, "constant"
+    )
+    for time in (0.0, 4.0):
+        primvar.Set(Vt.Vec3fArray([(time, 0, 0)]), time)
+    reader = SceneReader(stage)
+    got = [reader.at(t).draws[0].material.inputs["diffuseColor"][0] for t in (1.0, 2.0, 1.0)]
+    assert got == [1.0, 2.0, 1.0]

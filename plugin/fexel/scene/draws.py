@@ -73,6 +73,7 @@ class DrawBuilder:
         self._made: dict[tuple[int, int], _Made] = {}
         self._variants: dict[tuple[int, tuple], tuple[Material, Material]] = {}  # holds the original, so its id lasts
         self._draws: tuple[Draw, ...] = ()
+        self._color_varies = False
         nodes = [node for node in _all_nodes(tree) if node.kind in (MESH, GPRIM) and node.drawn]
         self.prim_paths = tuple(dict.fromkeys(str(node.prim.GetPath()) for node in nodes))
         self._prim_ids = {path: index for index, path in enumerate(self.prim_paths)}
@@ -80,6 +81,8 @@ class DrawBuilder:
 
     def at(self, time: Usd.TimeCode) -> tuple[Draw, ...]:
         """All draws; the same tuple as before where nothing changed."""
+        if self._made and self._serves(time):
+            return self._draws
         collected: list[list[Draw]] = []
         used: dict[int, int] = {}
         for occurrence in self._occurrences(self._tree, _ONCE, None, time):
@@ -89,6 +92,12 @@ class DrawBuilder:
         if len(flat) != len(self._draws) or any(a is not b for a, b in zip(flat, self._draws, strict=True)):
             self._draws = flat
         return self._draws
+
+    def _serves(self, time: Usd.TimeCode) -> bool:
+        """Whether nothing that the draws were made from varies."""
+        read = (*self._meshes.values(), *self._placements.values())
+        varies = self._tree.varies or self._color_varies or any(sampler.varies for sampler, _ in read)
+        return not varies and self._materials.serves(time)
 
     def _occurrences(
         self, tree: Tree, outer: np.ndarray, colors: np.ndarray | None, time: Usd.TimeCode
@@ -171,7 +180,9 @@ class DrawBuilder:
         path = str(node.prim.GetPath())
         material = self._materials.read(self._bound.get(f"{path}/{subset}" if subset else path), time)
         if node.color is not None and mesh.display_color is None:
-            color = Sampler(time).array(node.color.GetAttribute("primvars:displayColor"), np.float64, 3)
+            sampler = Sampler(time)
+            color = sampler.array(node.color.GetAttribute("primvars:displayColor"), np.float64, 3)
+            self._color_varies = self._color_varies or sampler.varies
             if color is not None and len(color) and np.isfinite(color[0]).all():
                 material = self._tint(material, tuple(color[0].tolist()))
         missing = {t.st_primvar for _, t in textures_of(material) if t.st_primvar not in mesh.st}

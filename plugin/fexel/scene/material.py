@@ -91,6 +91,10 @@ class MaterialReader:
             self._materials[key] = entry
         return entry.result
 
+    def serves(self, time: Usd.TimeCode) -> bool:
+        """Whether all that was read so far holds at another time too."""
+        return all(entry.serves(time) for entry in (*self._materials.values(), *self._textures.values()))
+
     def _read_material(self, prim: Usd.Prim, sampler: Sampler, textures: list[Usd.Prim]) -> Material:
         path = str(prim.GetPath())
         surface = resolve_output(prim, "surface", sampler, self._faults)

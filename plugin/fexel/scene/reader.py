@@ -79,6 +79,8 @@ class SceneReader:
         self._refine_level = COMPLEXITIES[complexity]
         self._faults = Faults()
         self._states: dict[bool, _State] = {}
+        self._cameras: dict[str | None, Usd.Prim | None] = {}
+        self._framing: tuple[tuple[Draw, ...], float | None, Camera] | None = None
 
     def cameras(self) -> tuple[str, ...]:
         """Paths of the stage's cameras."""
@@ -118,12 +120,18 @@ class SceneReader:
     def camera_at(self, time: float | None = None, camera: str | None = None, aspect: float | None = None) -> Camera:
         """The camera alone, as `at` would give it; for the size of a picture beforehand."""
         code = Usd.TimeCode.Default() if time is None else Usd.TimeCode(time)
-        prim = find_camera(self.stage, camera)
+        if camera not in self._cameras:  # a search through the stage
+            self._cameras[camera] = find_camera(self.stage, camera)
+        prim = self._cameras[camera]
         if prim is not None:
             return read_camera(prim, Sampler(code), aspect, self._faults)
         state = self._state(code)
         state.tree.update(code)
-        return framing_camera(self._framed(state.draws.at(code)), UsdGeom.GetStageUpAxis(self.stage), aspect)
+        draws = state.draws.at(code)
+        if self._framing is None or self._framing[0] is not draws or self._framing[1] != aspect:
+            up_axis = UsdGeom.GetStageUpAxis(self.stage)
+            self._framing = (draws, aspect, framing_camera(self._framed(draws), up_axis, aspect))
+        return self._framing[2]
 
     def _framed(self, draws: tuple[Draw, ...]) -> tuple[Draw, ...]:
         """Draws of the default prim, unless there is a mask, or nothing below it."""
