@@ -1,7 +1,7 @@
 """A synthetic collection of large photos of one surface, with exact homographies: what `fexel zipmap` is timed on.
 
-The surface is procedural and has detail at every scale, down to the pixels of the closest photo: noise over lattices
-of many cell sizes, some bent into spots with edges. One photo shows the whole; the others look closer (2 to 16
+The surface is procedural: grain of many sizes and spots with edges in the whole, and finer grain, down to the pixels
+of the closest photo, that the whole does not resolve. One photo shows the whole; the others look closer (2 to 16
 times), turned and tilted a little, differently exposed, some inside others. Photos are JPEG with noise, as a camera's
 are.
 """
@@ -21,8 +21,8 @@ import OpenImageIO as oiio
 
 __all__ = ["Shot", "collection", "make_collection"]
 
-_CELLS = (480, 240, 120, 56, 26, 12, 5.5, 2.4, 1.1, 0.5, 0.22)  # of the noise, pixels of the whole photo
-_LATTICE = 1024
+_CELLS = (480, 240, 120, 56, 26, 12, 5.5, 2.8, 1.6)  # of the whole's grain, pixels
+_DENSITIES = (4.0, 16.0)  # of the finer grain, its pixels per pixel of the whole
 
 
 @dataclass(frozen=True)
@@ -72,12 +72,12 @@ def make_collection(folder: Path, count: int = 20, size: tuple[int, int] = (4000
     folder.mkdir(parents=True, exist_ok=True)
     shots = collection(count, size, seed)
     rng = np.random.default_rng(seed + 1)
-    lattices = [rng.normal(size=(_LATTICE, _LATTICE, 3)).astype(np.float32) for _ in range(3)]
+    base, tile = _base(size, rng), _tile(2048, rng)
     paths = []
     for number, shot in enumerate(shots):
         path = folder / f"{shot.name}.jpg"
         if not path.exists():
-            picture = _photograph(shot, size, lattices, np.random.default_rng(seed + 100 + number))
+            picture = _photograph(shot, size, base, tile, np.random.default_rng(seed + 100 + number))
             _write_jpeg(path, picture)
         paths.append(path)
     truth = {f"{s.name}.jpg": s.root_from_photo.tolist() for s in shots}
@@ -87,50 +87,62 @@ def make_collection(folder: Path, count: int = 20, size: tuple[int, int] = (4000
 
 def _write_jpeg(path: Path, picture: np.ndarray) -> None:
     spec = oiio.ImageSpec(picture.shape[1], picture.shape[0], 3, "uint8")
-    spec.attribute("Compression", "jpeg:92")
+    spec.attribute("Compression", "jpeg:94")
     output = oiio.ImageOutput.create(str(path))
     if not (output and output.open(str(path), spec) and output.write_image(picture)):
         raise OSError(f"{path}: {oiio.geterror()}")
     output.close()
 
 
-def _photograph(shot: Shot, size: tuple[int, int], lattices: list[np.ndarray], rng: np.random.Generator) -> np.ndarray:
+def _photograph(
+    shot: Shot, size: tuple[int, int], base: np.ndarray, tile: np.ndarray, rng: np.random.Generator
+) -> np.ndarray:
     width, height = size
+    center = shot.root_from_photo @ np.array([width / 2.0, height / 2.0, 1.0])
+    zoom = float(abs(np.linalg.det(shot.root_from_photo / center[2])) ** -0.5)
     picture = np.empty((height, width, 3), np.uint8)
-    columns = np.arange(width) + 0.5
-    for top in range(0, height, 500):
-        rows = np.arange(top, min(top + 500, height)) + 0.5
-        points = np.stack([*np.meshgrid(columns, rows), np.ones((len(rows), width))], axis=-1) @ shot.root_from_photo.T
-        x, y = points[..., 0] / points[..., 2], points[..., 1] / points[..., 2]
-        linear = _surface(x, y, lattices) * shot.gain.astype(np.float32)
-        encoded = np.clip(linear, 0.0, 1.0) ** (1.0 / 2.2) * 255.0 + rng.normal(0.0, 1.2, linear.shape)
-        picture[top : top + len(rows)] = np.clip(np.rint(encoded), 0, 255)
+    for top in range(0, height, 256):
+        rows = min(256, height - top)
+        x, y = _root_pixels(shot.root_from_photo, width, top, rows)
+        linear = cv2.remap(base, x - 0.5, y - 0.5, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
+        for density in _DENSITIES:  # detail shows when its grain is larger than a pixel
+            if zoom > 0.5 * density:
+                u, v = (x * density) % tile.shape[1], (y * density) % tile.shape[0]
+                linear *= np.exp(cv2.remap(tile, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP))[..., None]
+        encoded = np.clip(linear * shot.gain.astype(np.float32), 0.0, 1.0) ** np.float32(1.0 / 2.2) * np.float32(255.0)
+        encoded += np.float32(0.5) * rng.standard_normal(encoded.shape, np.float32)
+        picture[top : top + rows] = np.clip(np.rint(encoded), 0, 255)
     return picture
 
 
-def _surface(x: np.ndarray, y: np.ndarray, lattices: list[np.ndarray]) -> np.ndarray:
-    """Linear colour at root pixels; detail finer than the sampling is left out."""
-    step = float(np.hypot(x[0, 1] - x[0, 0], y[0, 1] - y[0, 0]))
-    total = np.zeros((*x.shape, 3), np.float32)
+def _root_pixels(root_from_photo: np.ndarray, width: int, top: int, rows: int) -> tuple[np.ndarray, np.ndarray]:
+    x, y = np.meshgrid(np.arange(width) + 0.5, top + np.arange(rows) + 0.5)
+    x, y, w = (row[0] * x + row[1] * y + row[2] for row in root_from_photo)
+    return (x / w).astype(np.float32), (y / w).astype(np.float32)
+
+
+def _base(size: tuple[int, int], rng: np.random.Generator) -> np.ndarray:
+    """(H, W, 3) float32 linear colour of the whole: grain of many sizes, and spots with edges."""
+    total = np.zeros((size[1], size[0], 3), np.float32)
     for k, cell in enumerate(_CELLS):
-        visible = np.clip((cell / step - 1.0) / 2.0, 0.0, 1.0)  # fades out where a cell comes near a pixel
-        if visible == 0.0:
-            continue
-        angle = 2.4 * k
-        u = ((np.cos(angle) * x - np.sin(angle) * y) / cell + 37.1 * k) % _LATTICE
-        v = ((np.sin(angle) * x + np.cos(angle) * y) / cell + 91.7 * k) % _LATTICE
-        noise = cv2.remap(
-            lattices[k % len(lattices)],
-            u.astype(np.float32),
-            v.astype(np.float32),
-            cv2.INTER_CUBIC,
-            borderMode=cv2.BORDER_WRAP,
-        )
-        grain = 0.8 * noise[..., :1] + 0.2 * noise  # mostly of one colour
+        noise = _noise(size, cell, rng, 3)
+        grain = np.float32(0.8) * noise[..., :1] + np.float32(0.2) * noise  # mostly of one colour
         if k % 2:
-            grain = np.tanh(6.0 * (grain - 0.9)) + 1.0  # sparse spots with edges
-        total += np.float32(visible * 0.5 * 0.82**k) * grain
-    return np.exp(0.8 * total - 1.0) * np.array([0.42, 0.36, 0.28], np.float32)
+            grain = np.tanh(np.float32(6.0) * (grain - np.float32(0.9))) + np.float32(1.0)
+        total += np.float32(0.42 * 0.97**k) * grain
+    return np.exp(np.float32(0.8) * total - np.float32(1.0)) * np.array([0.42, 0.36, 0.28], np.float32)
+
+
+def _tile(side: int, rng: np.random.Generator) -> np.ndarray:
+    """(side, side) float32 logarithm of a brightness: grain of a few pixels, its mean taken out."""
+    grain = sum(_noise((side, side), cell, rng, 1).reshape(side, side) for cell in (1.5, 2.2, 3.2))
+    return np.float32(0.16) * (grain - cv2.GaussianBlur(grain, (0, 0), 4.0))
+
+
+def _noise(size: tuple[int, int], cell: float, rng: np.random.Generator, channels: int) -> np.ndarray:
+    lattice = rng.standard_normal((int(size[1] / cell) + 3, int(size[0] / cell) + 3, channels), np.float32)
+    grown = (int(lattice.shape[1] * cell), int(lattice.shape[0] * cell))
+    return np.atleast_3d(cv2.resize(lattice, grown, interpolation=cv2.INTER_CUBIC))[: size[1], : size[0]]
 
 
 def main() -> None:

@@ -29,6 +29,9 @@ from fexel_tools.staged_output import StagedOutput, check_output, staged_output
 __all__ = ["PlannedPatch", "ZipmapOptions", "author_stage", "check_options", "prim_names"]
 
 
+DEFAULT_MAX_ERROR_PX = 8.0  # a facade with its relief stays below; patches then fit visibly less well
+
+
 @dataclass(frozen=True)
 class ZipmapOptions:
     """How to author; the defaults are those of the command line.
@@ -58,7 +61,7 @@ class ZipmapOptions:
     """
 
     root: str = ""
-    max_error_px: float = float("inf")
+    max_error_px: float = DEFAULT_MAX_ERROR_PX
     tau: float | None = None
     fallback_size: int = 2048
     primitive: str = "quad"

@@ -39,10 +39,8 @@ class Link:
     score : float
         Of the registration, comparable between links.
     inliers : int
-    points : (N, 4) float64
-        Corresponding points: x, y in `fine`, x, y in `coarse`.
     rms_px : float
-        Pixels of `coarse`.
+        What the homography leaves, pixels of `coarse`.
     sigma_px : float
         Expected error of the homography, pixels of `coarse`.
     """
@@ -53,7 +51,6 @@ class Link:
     scale: float
     score: float
     inliers: int
-    points: np.ndarray
     rms_px: float
     sigma_px: float
 
@@ -73,6 +70,9 @@ class PhotoGraph:
         Reason per photo that is neither root nor patch.
     links : tuple of Link
         Those in use.
+    errors_px : tuple of float
+        Per link in use, root mean square misplacement with the final poses, pixels of its coarser photo: what its
+        homography leaves, and how far the poses are from that homography.
     dropped : tuple of Link
         Those that contradict the others.
     """
@@ -82,6 +82,7 @@ class PhotoGraph:
     patches: tuple[Addition, ...]
     rejected: dict[int, str]
     links: tuple[Link, ...]
+    errors_px: tuple[float, ...]
     dropped: tuple[Link, ...]
 
 
@@ -92,6 +93,7 @@ def build_graph(
     *,
     root: int | None = None,
     unusable: dict[int, str] | None = None,
+    failures: dict[int, tuple[int, str]] | None = None,
     max_error_px: float = np.inf,
     min_gain: float = MIN_GAIN,
 ) -> PhotoGraph:
@@ -108,6 +110,8 @@ def build_graph(
         Default: chosen.
     unusable : dict of int to str, optional
         Photos that were found unusable before, with reasons; they take no part.
+    failures : dict of int to (int, str)
+        Per photo the other photo that it came nearest to, and why that is no match; for reasons.
     max_error_px : float
         Greatest root mean square distance of a photo's inliers after adjustment, in pixels of the coarser photo.
     min_gain : float
@@ -127,11 +131,12 @@ def build_graph(
     if root is None:
         root = choose_root(usable, sizes, links)
     adjustment = adjust_poses([_pose_link(link) for link in links], sizes, root)
-    used = [link for k, link in enumerate(links) if k not in adjustment.dropped]
+    used = [link for k, link in enumerate(links) if k in adjustment.residual_px]
+    errors = [float(np.hypot(links[k].rms_px, px)) for k, px in sorted(adjustment.residual_px.items())]
     dropped = tuple(links[k] for k in adjustment.dropped)
     poses = dict(adjustment.poses)
-    _reject_unplaced(names, usable, used, dropped, poses, root, rejected)
-    _reject_inexact(used, poses, root, max_error_px, rejected)
+    _reject_unplaced(names, usable, links, dropped, poses, root, rejected, failures or {})
+    _reject_inexact(used, errors, root, max_error_px, rejected)
     placements = [Placement(k, sizes[k], poses[k]) for k in poses if k != root and k not in rejected]
     patches = []
     for addition in plan_patches(Placement(root, sizes[root], poses[root]), placements, min_gain):
@@ -140,7 +145,7 @@ def build_graph(
             rejected[addition.photo] = addition.reason + below
         else:
             patches.append(addition)
-    return PhotoGraph(root, poses, tuple(patches), rejected, tuple(used), dropped)
+    return PhotoGraph(root, poses, tuple(patches), rejected, tuple(used), tuple(errors), dropped)
 
 
 def choose_root(usable: list[int], sizes: list[tuple[int, int]], links: list[Link]) -> int:
@@ -154,16 +159,6 @@ def choose_root(usable: list[int], sizes: list[tuple[int, int]], links: list[Lin
             if key > best_key:
                 best, best_key = photo, key
     return best
-
-
-def link_error_px(link: Link, poses: dict[int, np.ndarray]) -> float:
-    """Root mean square distance of a link's inliers from where the poses put them, pixels of the coarser photo."""
-    if not len(link.points):
-        return link.rms_px
-    matrix = np.linalg.solve(poses[link.coarse], poses[link.fine])
-    centre = np.array([*link.points[:, :2].mean(axis=0), 1.0])
-    distance = apply_homography(matrix / (matrix[2] @ centre), link.points[:, :2]) - link.points[:, 2:]
-    return float(np.sqrt((distance**2).sum(axis=1).mean())) if np.isfinite(distance).all() else float("inf")
 
 
 def _pose_link(link: Link) -> PoseLink:
@@ -200,7 +195,8 @@ def _held_counts(component: list[int], sizes: list[tuple[int, int]], links: list
     held = dict.fromkeys(component, (0, 0.0))
     for k, outline in outlines.items():
         inside = sum(
-            other != k and polygon_area(clip_convex(outlines[other], outline)) >= _INSIDE * area[other] for other in outlines
+            other != k and polygon_area(clip_convex(outlines[other], outline)) >= _INSIDE * area[other]
+            for other in outlines
         )
         held[k] = (inside, area[k])
     return held
@@ -214,12 +210,14 @@ def _reject_unplaced(
     poses: dict[int, np.ndarray],
     root: int,
     rejected: dict[int, str],
+    failures: dict[int, tuple[int, str]],
 ) -> None:
     for k in usable:
         if k in poses or k in rejected:
             continue
-        neighbours = {link.coarse if link.fine == k else link.fine for link in links if k in (link.coarse, link.fine)}
-        contradicted = [link for link in dropped if k in (link.coarse, link.fine)]
+        own = [link for link in links if k in (link.coarse, link.fine)]
+        contradicted = [link for link in own if link in dropped]
+        neighbours = {link.coarse if link.fine == k else link.fine for link in own if link not in dropped}
         if neighbours:
             others = ", ".join(f"'{names[n]}'" for n in sorted(neighbours)[:3])
             rejected[k] = f"matches only {others}, which no chain connects with the root '{names[root]}'"
@@ -228,18 +226,17 @@ def _reject_unplaced(
             other = link.coarse if link.fine == k else link.fine
             rejected[k] = f"its match with '{names[other]}' contradicts those of the other photos"
         else:
-            rejected[k] = "shares nothing with the other photos"
+            near = f" (nearest: '{names[failures[k][0]]}', {failures[k][1]})" if k in failures else ""
+            rejected[k] = f"no match with the other photos{near}"
 
 
 def _reject_inexact(
-    links: list[Link], poses: dict[int, np.ndarray], root: int, max_error_px: float, rejected: dict[int, str]
+    links: list[Link], errors_px: list[float], root: int, max_error_px: float, rejected: dict[int, str]
 ) -> None:
     """Reject photos whose best link stays above the limit."""
     best: dict[int, float] = {}
-    for link in links:
-        if link.coarse in poses and link.fine in poses:
-            error = link_error_px(link, poses)
-            best[link.fine] = min(best.get(link.fine, np.inf), error)
+    for link, error in zip(links, errors_px, strict=True):
+        best[link.fine] = min(best.get(link.fine, np.inf), error)
     for photo, error in best.items():
         if photo != root and error > max_error_px:
             rejected[photo] = f"residual of {error:.2f} px is over the limit of {max_error_px:g} px (--max-error)"

@@ -18,23 +18,43 @@ from dataclasses import dataclass
 import numpy as np
 
 from fexel.errors import FexelError
-from fexel_tools.coverage import density
 from fexel_tools.features import Features, detect_features
 from fexel_tools.matching import match_features, similarities
 from fexel_tools.photo_graph import Link
 from fexel_tools.photos import Photo, load_preview
 from fexel_tools.progress import Progress, silent
+from fexel_tools.registration import MAX_ERROR_PX, register_features
 
-__all__ = ["find_links", "likeness"]
+__all__ = ["PhotoLinks", "find_links", "likeness"]
 
 _ALL_PAIRS = 5
 _LINKS_WANTED = 3
+_UNLIKELY = 8  # unrelated photos reach a likeness of 3 to 7, related ones tens; the zoom may leave them few
 _TRIES = 6
+_BRIDGE_TRIES = 12  # of a photo whose set lies apart from the others
 _ROWS_PER_OCTAVE = 60
 _LEAST_SCALE = 0.75  # of a vote: below, the photo would be the coarser of the two
 _VOTE_COSINE = 0.82
 _BLANK = 1.0 / 255.0  # standard deviation of a photo that shows nothing
 _FEWEST_FEATURES = 12
+
+
+@dataclass(frozen=True, eq=False)
+class PhotoLinks:
+    """What matching found.
+
+    Attributes
+    ----------
+    links : list of Link
+    rejected : dict of int to str
+        Photos that are of no use, with reasons: blank, damaged, a copy of another.
+    failures : dict of int to (int, str)
+        Of each photo the other photo that came nearest to a match without being one, and why it is none.
+    """
+
+    links: list[Link]
+    rejected: dict[int, str]
+    failures: dict[int, tuple[int, str]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,8 +67,13 @@ class _Analysed:
 
 
 def find_links(
-    photos: list[Photo | None], unusable: dict[int, str], *, jobs: int = 2, progress: Progress | None = None
-) -> tuple[list[Link], dict[int, str]]:
+    photos: list[Photo | None],
+    unusable: dict[int, str],
+    *,
+    max_error_px: float = MAX_ERROR_PX,
+    jobs: int = 2,
+    progress: Progress | None = None,
+) -> PhotoLinks:
     """Register the photos with one another.
 
     Parameters
@@ -57,23 +82,24 @@ def find_links(
         None for those that are unusable already.
     unusable : dict of int to str
         Their numbers.
+    max_error_px : float
+        Greatest residual of a homography, pixels of the coarser photo.
     jobs : int
         Threads.
     progress : callable(step, done, total), optional
 
     Returns
     -------
-    links : list of Link
-    rejected : dict of int to str
-        Further photos that are of no use, with reasons: blank, damaged, a copy of another.
+    PhotoLinks
     """
     step = progress or silent
     numbers = [k for k in range(len(photos)) if k not in unusable and photos[k] is not None]
     analysed = _analyse_all([photos[k] for k in numbers], jobs, step)
     rejected = _reject(numbers, analysed, photos)
-    features = {k: a.features for k, a in zip(numbers, analysed, strict=True) if k not in rejected}
-    order = _ranked_pairs(features, jobs, step)
-    return _register_pairs(features, order, jobs, step), rejected
+    features = {k: a.features for k, a in zip(numbers, analysed, strict=True) if a.features and k not in rejected}
+    search = _Search(features, _ranked_pairs(features, jobs, step), max_error_px)
+    search.run(jobs, step)
+    return PhotoLinks(search.links, rejected, {k: (other, why) for k, (_, other, why) in search.failures.items()})
 
 
 def likeness(parent: Features, photo: Features) -> int:
@@ -136,9 +162,9 @@ def _reject(numbers: list[int], analysed: list[_Analysed], photos: list[Photo | 
     return rejected
 
 
-def _ranked_pairs(features: dict[int, Features | None], jobs: int, step: Progress) -> list[tuple[int, int, int]]:
+def _ranked_pairs(features: dict[int, Features], jobs: int, step: Progress) -> list[tuple[int, int, int]]:
     """(likeness, coarse, fine) of every pair, the most alike first."""
-    numbers = [k for k in features if features[k] is not None]
+    numbers = list(features)
     pairs = [(a, b) for i, a in enumerate(numbers) for b in numbers[i + 1 :]]
 
     def rank(pair: tuple[int, int]) -> tuple[int, int, int]:
@@ -154,38 +180,81 @@ def _ranked_pairs(features: dict[int, Features | None], jobs: int, step: Progres
     return sorted(ranked, key=lambda r: (-r[0], r[1], r[2]))
 
 
-def _register_pairs(
-    features: dict[int, Features | None], order: list[tuple[int, int, int]], jobs: int, step: Progress
-) -> list[Link]:
-    """Register pairs in the given order as long as one of the two photos wants more links."""
-    everything = len(features) <= _ALL_PAIRS
-    links: list[Link] = []
-    tries, found = dict.fromkeys(features, 0), dict.fromkeys(features, 0)
-    waiting = list(order)
-    running: dict[Future, tuple[int, int]] = {}
-    with ThreadPoolExecutor(max(1, jobs)) as pool:
-        while waiting or running:
-            while waiting and len(running) < max(1, jobs):
-                _, coarse, fine = waiting.pop(0)
-                wanted = any(found[k] < _LINKS_WANTED and tries[k] < _TRIES for k in (coarse, fine))
-                if everything or wanted:
-                    tries[coarse] += 1
-                    tries[fine] += 1
-                    running[pool.submit(_register, features, coarse, fine)] = coarse, fine
-            done, _ = wait(running, return_when=FIRST_COMPLETED) if running else (set(), None)
-            for future in done:
-                coarse, fine = running.pop(future)
-                link = future.result()
-                if link is not None:
-                    links.append(link)
-                    found[coarse] += 1
-                    found[fine] += 1
-                step("registering", len(order) - len(waiting) - len(running), len(order))
-    return sorted(links, key=lambda link: (link.coarse, link.fine))
+class _Search:
+    """Registers pairs, the likely ones first, for as long as a photo wants links or sets of photos lie apart."""
+
+    def __init__(self, features: dict[int, Features], order: list[tuple[int, int, int]], max_error_px: float) -> None:
+        self.links: list[Link] = []
+        self.failures: dict[int, tuple[float, int, str]] = {}  # photo -> best score, the other photo, reason
+        self._features, self._max_error_px = features, max_error_px
+        self._waiting = list(order)
+        self._everything = len(features) <= _ALL_PAIRS
+        self._tries, self._found = dict.fromkeys(features, 0), dict.fromkeys(features, 0)
+        self._group = {k: k for k in features}
+
+    def run(self, jobs: int, step: Progress) -> None:
+        total = len(self._waiting)
+        running: dict[Future, tuple[int, int]] = {}
+        with ThreadPoolExecutor(max(1, jobs)) as pool:
+            while True:
+                while len(running) < max(1, jobs) and (pair := self._next()) is not None:
+                    running[pool.submit(_register, self._features, *pair, self._max_error_px)] = pair
+                if not running:
+                    break
+                done, _ = wait(running, return_when=FIRST_COMPLETED)
+                for future in done:
+                    self._note(*running.pop(future), future.result())
+                step("registering", total - len(self._waiting) - len(running), total)
+        step("registering", total, total)
+        self.links.sort(key=lambda link: (link.coarse, link.fine))
+
+    def _next(self) -> tuple[int, int] | None:
+        for k, (alike, *pair) in enumerate(self._waiting):
+            wanted = alike > _UNLIKELY and (self._everything or any(self._wants(photo) for photo in pair))
+            if wanted or self._bridges(pair):
+                for photo in pair:
+                    self._tries[photo] += 1
+                del self._waiting[k]
+                return tuple(pair)
+        return None
+
+    def _wants(self, photo: int) -> bool:
+        return self._found[photo] < _LINKS_WANTED and self._tries[photo] < _TRIES
+
+    def _bridges(self, pair: list[int]) -> bool:
+        """Whether the pair would join sets of photos that have no link yet, one of them not tried often."""
+        apart = self._find(pair[0]) != self._find(pair[1])
+        return apart and min(self._tries[photo] for photo in pair) < _BRIDGE_TRIES
+
+    def _note(self, coarse: int, fine: int, result: Link | tuple[float, str]) -> None:
+        if isinstance(result, Link):
+            self.links.append(result)
+            self._found[coarse] += 1
+            self._found[fine] += 1
+            self._group[self._find(coarse)] = self._find(fine)
+            return
+        for photo, other in ((coarse, fine), (fine, coarse)):
+            if photo not in self.failures or result[0] > self.failures[photo][0]:
+                self.failures[photo] = result[0], other, result[1]
+
+    def _find(self, photo: int) -> int:
+        while self._group[photo] != photo:
+            photo = self._group[photo]
+        return photo
 
 
-def _register(features: dict[int, Features | None], coarse: int, fine: int) -> Link | None:
-    from fexel_tools.registration import register_features
-
-    result = register_features(features[coarse], features[fine])
-    raise NotImplementedError(result, density)
+def _register(features: dict[int, Features], coarse: int, fine: int, max_error_px: float) -> Link | tuple[float, str]:
+    """The link, or score and reason of the failure."""
+    result = register_features(features[coarse], features[fine], max_error_px=max_error_px)
+    if not result.accepted or result.matrix is None:
+        return result.score, result.reason
+    return Link(
+        coarse=coarse,
+        fine=fine,
+        coarse_from_fine=result.matrix,
+        scale=result.scale,
+        score=result.score,
+        inliers=result.inliers,
+        rms_px=result.rms_px,
+        sigma_px=result.sigma_px,
+    )

@@ -16,7 +16,7 @@ import numpy as np
 from fexel.errors import FexelError, FexelWarning
 from fexel_tools.authoring import PlannedPatch, ZipmapOptions, author_stage, check_options, prim_names
 from fexel_tools.coverage import Addition
-from fexel_tools.photo_graph import PhotoGraph, build_graph, link_error_px
+from fexel_tools.photo_graph import PhotoGraph, build_graph
 from fexel_tools.photo_links import find_links
 from fexel_tools.photos import Photo, probe_photo
 from fexel_tools.progress import Progress, silent
@@ -70,14 +70,15 @@ def make_zipmap(
     photos, unusable = _probe_all(files)
     if root is not None and root in unusable:
         raise FexelError(f"{unusable[root]} (asked for as root)")
-    links, more = find_links(photos, unusable, jobs=options.jobs, progress=step)
-    unusable = {**{k: _reason(files[k], v) for k, v in unusable.items()}, **more}
+    found = find_links(photos, unusable, max_error_px=options.max_error_px, jobs=options.jobs, progress=step)
+    unusable = {**{k: _reason(files[k], v) for k, v in unusable.items()}, **found.rejected}
     sizes = [(p.width, p.height) if p else (0, 0) for p in photos]
     graph = build_graph(
         files,
         sizes,
-        links,
+        found.links,
         root=root,
+        failures=found.failures,
         unusable=unusable,
         max_error_px=options.max_error_px,
         min_gain=options.min_gain,
@@ -166,10 +167,8 @@ def _report(files: list[str], graph: PhotoGraph) -> ZipmapReport:
 
 
 def _patch_report(files: list[str], graph: PhotoGraph, photo: int, addition: Addition) -> PhotoReport:
-    own = [link for link in graph.links if link.fine == photo] or [
-        link for link in graph.links if photo in (link.coarse, link.fine)
-    ]
-    link = min(own, key=lambda item: (item.coarse != addition.parent, link_error_px(item, graph.poses)))
+    mine = [k for k, link in enumerate(graph.links) if photo in (link.coarse, link.fine)]
+    best = min(mine, key=lambda k: (graph.links[k].fine != photo, graph.links[k].coarse != addition.parent))
     parent_scale = next((a.scale for a in graph.patches if a.photo == addition.parent), 1.0)
     return PhotoReport(
         file=files[photo],
@@ -177,6 +176,6 @@ def _patch_report(files: list[str], graph: PhotoGraph, photo: int, addition: Add
         parent=files[addition.parent],
         scale=addition.scale / parent_scale,
         root_from_photo=graph.poses[photo],
-        inliers=link.inliers,
-        rms_px=link_error_px(link, graph.poses),
+        inliers=graph.links[best].inliers,
+        rms_px=graph.errors_px[best],
     )

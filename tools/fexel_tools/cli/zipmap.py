@@ -26,8 +26,9 @@ def _zipmap(
     root: Annotated[str, typer.Option("--root", help="Photo that shows the whole; default: chosen.")] = "",
     report: Annotated[Path | None, typer.Option("--report", help="Write what became of each photo as JSON.")] = None,
     max_error: Annotated[
-        float, typer.Option("--max-error", help="Reject photos whose residual exceeds this, pixels; default: no limit.")
-    ] = float("inf"),
+        float,
+        typer.Option("--max-error", help="Reject photos with a larger residual, pixels of the coarser photo."),
+    ] = 8.0,
     tau: Annotated[
         float | None,
         typer.Option("--tau", help="Threshold of the blend mask, accumulated gradient; default: automatic."),
