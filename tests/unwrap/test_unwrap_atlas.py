@@ -44,6 +44,8 @@ def assert_good_atlas(points, counts, indices, atlas):
     twice, covered = texels_covered_twice(st)
     assert twice == 0
     assert covered == pytest.approx(atlas.utilization, abs=0.01)
+    u, v = st[:, 1] - st[:, 0], st[:, 2] - st[:, 0]
+    assert (u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]).min() > -1e-9  # no chart is mirrored
 
 
 def test_cube_of_quads_has_one_square_per_face():

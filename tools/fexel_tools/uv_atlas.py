@@ -1,10 +1,10 @@
 """Texture coordinates for a polygon mesh without overlaps, by xatlas, per corner of the original polygons.
 
-xatlas (Jonathan Young, after Ignacio Castaño's thekla_atlas) cuts triangles into charts, flattens and packs them. Two
-things are added. A polygon whose triangles fall into different charts would need two coordinates at one corner, and now
-and then a chart folds over itself: such polygons are taken out, become charts of their own, and all charts are packed
-again. And points are scaled so that a triangle has a mean area of 1, because xatlas drops triangles with an area near
-1e-7.
+xatlas (Jonathan Young, after Ignacio Castaño's thekla_atlas) cuts triangles into charts, flattens and packs them. Four
+things are added. A polygon whose triangles fall into different charts would need two coordinates at one corner, and
+now and then a chart folds over itself: such polygons are taken out and become charts of their own. Charts that lie face
+down are turned over. Then all charts are packed again. And points are scaled so that a triangle has a mean area of 1,
+because xatlas drops triangles with an area near 1e-7.
 """
 
 from __future__ import annotations
@@ -95,9 +95,12 @@ def make_atlas(
     scaled = (points - points.mean(axis=0)) / np.sqrt(area[solid].mean() / 2)
     charts = _cut(scaled, indices[corners[solid]], resolution, padding)
     torn = _torn_faces(charts, faces[solid], len(counts))
+    upright = _unmirrored(charts)
     if torn.any():
         polygons = _Polygons(scaled[indices], np.cumsum(counts) - counts, counts, corners[solid], faces[solid])
-        charts = _repack(_with_own_charts(charts, torn, polygons), resolution, padding)
+        upright = _with_own_charts(upright, torn, polygons)
+    if upright is not charts:
+        charts = _repack(upright, resolution, padding)
     return _per_corner(charts, corners[solid], len(indices))
 
 
@@ -119,6 +122,7 @@ def _pack_options(resolution: int, padding: int) -> Any:
     options.resolution = resolution
     options.padding = padding
     options.bilinear = True  # a chart's rim is not read when its neighbour is filtered
+    options.rotate_charts = False  # it swaps s and t, which mirrors
     return options
 
 
@@ -169,6 +173,20 @@ def _torn_faces(charts: _Charts, faces: np.ndarray, face_count: int) -> np.ndarr
     torn[pairs[pairs[:, 0] == pairs[:, 1], 0]] = True
     torn[list(covering_faces(pairs[~torn[pairs].any(axis=1)]))] = True
     return torn
+
+
+def _unmirrored(charts: _Charts) -> _Charts:
+    """Turn over the charts that xatlas laid face down, so that images and normal maps are not mirrored."""
+    named = charts.chart >= 0
+    if not named.any():
+        return charts
+    area = np.bincount(charts.chart[named], _signed_areas(charts.st[named]))
+    mirrored = named & (area[charts.chart] < 0)
+    if not mirrored.any():
+        return charts
+    st = charts.st.copy()
+    st[mirrored, :, 0] = 1.0 - st[mirrored, :, 0]
+    return _Charts(st, charts.chart)
 
 
 def _with_own_charts(charts: _Charts, torn: np.ndarray, polygons: _Polygons) -> _Charts:
