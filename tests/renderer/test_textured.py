@@ -131,3 +131,20 @@ def test_strings_of_a_stage_do_not_enter_the_shader(renderer, tmp_path):
     with pytest.warns(FexelWarning, match="expected one of"), pytest.raises(FexelError, match="unwrap") as error:
         renderer.render(stage, width=4, **FLAT)
     assert "\n" not in str(error.value)
+
+
+def test_textured_image_in_tiles_equals_the_image_in_one(renderer, tmp_path, rng, monkeypatch):
+    from pxr import Gf, UsdGeom
+
+    from fexel.renderer import viewport
+
+    stage = emissive(tmp_path, rng.integers(0, 256, (256, 256, 3), dtype=np.uint8))
+    UsdGeom.Xformable(stage.GetPrimAtPath("/World/Quad")).AddRotateXYZOp().Set(Gf.Vec3f(50, 30, 10))
+    options = {"width": 150, "height": 100, "aovs": ("color", "lod", "patch"), "camera_light": False}
+    whole = renderer.render(stage, **options)
+    monkeypatch.setattr(viewport.tiles, "__defaults__", (64,))
+    parts = renderer.render(stage, **options)
+    assert renderer.stats()["tiles"] >= 7
+    for name, tolerance in (("color", 5e-3), ("lod", 0.02), ("patch", 0)):
+        different = np.abs(parts[name] - whole[name]).max(-1) > tolerance
+        assert different.mean() < 2e-3, (name, different.mean())  # a sample that lies on an edge
