@@ -220,6 +220,7 @@ def test_bad_files_are_one_line(stage_file, tmp_path):
     assert "does not exist" in fails(stage_file, tmp_path / "no" / "a.png")
     assert "placeholder" in fails(stage_file, tmp_path / "a.##.png")
     assert "stats.json" in fails(stage_file, tmp_path / "a.png", "-w", 4, "--stats", tmp_path / "no" / "stats.json")
+    assert not (tmp_path / "a.png").exists(), "found out before rendering"
 
 
 def test_missing_image_is_a_usage_error(stage_file):

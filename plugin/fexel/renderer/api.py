@@ -37,7 +37,7 @@ class Renderer:
     Parameters
     ----------
     texture_memory_mb : float
-        Budget for textures on the GPU, in MB of 10^6 bytes; past it, coarser mip levels are used.
+        Budget for textures on the GPU, in MB of 2^20 bytes; past it, coarser mip levels are used.
     anisotropy : int
         Largest ratio of a footprint's axes that is filtered without blur, 1 to 16.
 

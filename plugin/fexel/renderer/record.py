@@ -24,7 +24,7 @@ from fexel.renderer.render_settings import RenderTarget, render_targets
 if TYPE_CHECKING:
     from pxr import Usd
 
-__all__ = ["DEFAULT_WIDTH_PX", "RecordOptions", "record", "write_stats"]
+__all__ = ["DEFAULT_WIDTH_PX", "RecordOptions", "check_stats_file", "record", "write_stats"]
 
 DEFAULT_WIDTH_PX = 960
 
@@ -166,6 +166,21 @@ def _render_options(target: RenderTarget, options: RecordOptions) -> dict[str, A
         "complexity": options.complexity,
         "dome_visible": options.dome_visible,
     }
+
+
+def check_stats_file(path: str | os.PathLike) -> None:
+    """Find out before rendering whether `write_stats` can write there.
+
+    Raises
+    ------
+    FexelError
+        The folder does not exist, or the path is a folder.
+    """
+    path = Path(path)
+    if not path.parent.is_dir():
+        raise FexelError(f"{path}: the folder {path.parent} does not exist")
+    if path.is_dir():
+        raise FexelError(f"{path}: is a folder, expected a JSON file")
 
 
 def write_stats(path: str | os.PathLike, stats: dict[str, Any]) -> None:

@@ -83,7 +83,7 @@ def _render(
     ] = None,
     samples: Annotated[int, _option("--samples", help="Samples per pixel [4].")] = 4,
     texture_memory: Annotated[
-        float, _option("--textureMemory", metavar="MB", help="Budget for textures, in 10^6 bytes [512].")
+        float, _option("--textureMemory", metavar="MB", help="Budget for textures, of 2^20 bytes [512].")
     ] = 512.0,
     stats: Annotated[
         Path | None, _option("--stats", help="JSON file: what was loaded, bytes, programs, seconds per phase.")
@@ -102,7 +102,10 @@ def _render(
         return
     if image is None:
         raise typer.BadParameter("missing; expected an image file such as name.png", param_hint="IMAGE")
-    from fexel.renderer.record import RecordOptions, record, write_stats
+    from fexel.renderer.record import RecordOptions, check_stats_file, record, write_stats
+
+    if stats is not None:
+        check_stats_file(stats)
 
     options = RecordOptions(
         camera=camera,
