@@ -1,4 +1,4 @@
-"""Synthetic ground truth for registration: photos of one surface at a known zoom, tilt and exposure, cut from real photos.
+"""Synthetic ground truth for registration: windows of real photos at a known zoom, tilt and exposure.
 
 The parent is the whole photo, reduced by area averaging. The child is a window of it, seen by a camera that is rotated,
 tilted, closer by `scale`, differently exposed and white-balanced, blurred, noisy and JPEG-compressed, warped in linear
@@ -13,6 +13,8 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+
+from fexel.images import image_info, read_pixels
 
 __all__ = ["PHOTOS", "Case", "corner_error", "load_photo", "make_case", "make_chain"]
 
@@ -53,10 +55,10 @@ class Case:
 
 def load_photo(path: Path) -> np.ndarray:
     """Read a photo as linear RGB, (H, W, 3) float32 in [0, 1]."""
-    encoded = cv2.imread(str(path), cv2.IMREAD_COLOR)
-    if encoded is None:
-        raise FileNotFoundError(path)
-    return (cv2.cvtColor(encoded, cv2.COLOR_BGR2RGB).astype(np.float32) / 255) ** 2.2
+    info = image_info(str(path))
+    pixels = read_pixels(info)
+    rgb = np.repeat(pixels, 3, axis=2) if pixels.shape[2] < 3 else pixels[:, :, :3]
+    return (rgb.astype(np.float32) / np.iinfo(pixels.dtype).max) ** 2.2
 
 
 def corner_error(estimate: np.ndarray, truth: np.ndarray, width: int, height: int) -> float:

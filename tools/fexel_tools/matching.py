@@ -8,11 +8,12 @@ judged by how the photos agree there (`fexel_tools.placement_search`).
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 
 from fexel_tools.features import Features
 
-__all__ = ["Matches", "guided_matches", "match_features", "similarities"]
+__all__ = ["Matches", "coverage", "fit_homography", "guided_matches", "match_features", "similarities"]
 
 NEIGHBOURS = 2
 PER_OCTAVE = 350
@@ -107,6 +108,37 @@ def guided_matches(
             seen_photo.add(matches.photo[k])
             seen_parent.add(place)
     return np.column_stack([photo.points[matches.photo[kept]], parent.points[matches.parent[kept]]])
+
+
+def fit_homography(points: np.ndarray, radius_px: float) -> np.ndarray | None:
+    """Robust homography through point pairs (MAGSAC++, Barath et al., CVPR 2020); deterministic.
+
+    Parameters
+    ----------
+    points : (N, 4) float64
+        x, y in the photo, x, y in the parent.
+    radius_px : float
+        Bound of an inlier's error, parent pixels.
+
+    Returns
+    -------
+    (3, 3) float64 or None
+        Photo to parent; None where the points determine none.
+    """
+    if len(points) < 8:  # four determine it, the others confirm
+        return None
+    matrix, _ = cv2.findHomography(points[:, :2], points[:, 2:], cv2.USAC_MAGSAC, radius_px)
+    if matrix is None or not np.isfinite(matrix).all() or np.linalg.det(matrix) <= 0:
+        return None
+    return matrix
+
+
+def coverage(points: np.ndarray, width: int, height: int) -> float:
+    """Share of a photo that the convex hull of its points covers; points (N, 2)."""
+    if len(points) < 3:
+        return 0.0
+    hull = cv2.convexHull(points.astype(np.float32))
+    return float(cv2.contourArea(hull)) / (width * height)
 
 
 def _sample(features, per_octave):

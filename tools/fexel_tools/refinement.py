@@ -1,8 +1,7 @@
 """Photometric refinement of a placement, from coarse to the parent's own resolution.
 
-The coarser levels widen the basin; the last has about one sample per parent pixel, where the homography is as exact as
-the parent allows. With a small footprint the eight unknowns are not all determined by what is visible: an affinity is
-kept when the homography does not explain the photos better by more than its two further unknowns would by chance.
+The coarser levels widen the basin; the last has about one sample per parent pixel and all three channels, where the
+homography is as exact as the parent allows.
 """
 
 from __future__ import annotations
@@ -13,7 +12,7 @@ from fexel_tools.alignment import align, make_template
 from fexel_tools.features import Features
 from fexel_tools.verification import Evidence, measure
 
-__all__ = ["footprint_columns", "refine_placement"]
+__all__ = ["footprint_columns", "measure_placement", "refine_placement"]
 
 _FINEST_COLUMNS = 256
 _COARSEST_COLUMNS = 32
@@ -47,7 +46,7 @@ def refine_placement(
     matrix : (3, 3) float64
     Evidence
     """
-    finest = int(np.clip(round(footprint_columns(parent, photo, matrix)), 16, _FINEST_COLUMNS))
+    finest = _finest(parent, photo, matrix)
     for columns in _ladder(min(from_columns, finest), finest):
         last = columns == finest
         template = make_template(photo, columns, color=last)
@@ -57,6 +56,16 @@ def refine_placement(
             finest = columns
             break
     return matrix, measure(parent, make_template(photo, finest), matrix)
+
+
+def measure_placement(parent: Features, photo: Features, matrix: np.ndarray) -> Evidence:
+    """Measure the agreement at the finest level, without aligning."""
+    return measure(parent, make_template(photo, _finest(parent, photo, matrix)), matrix)
+
+
+def _finest(parent, photo, matrix):
+    """Samples across the photo, about one per working pixel of the parent."""
+    return int(np.clip(round(footprint_columns(parent, photo, matrix)), 16, _FINEST_COLUMNS))
 
 
 def _ladder(first: int, last: int) -> list[int]:

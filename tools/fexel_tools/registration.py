@@ -23,9 +23,9 @@ import numpy as np
 from fexel.errors import FexelError
 from fexel_tools.alignment import map_points
 from fexel_tools.features import MAX_SIDE, Features, detect_features, pyramid_only
-from fexel_tools.matching import guided_matches, match_features, similarities
+from fexel_tools.matching import Matches, coverage, fit_homography, guided_matches, match_features, similarities
 from fexel_tools.placement_search import search_placements
-from fexel_tools.refinement import footprint_columns, refine_placement
+from fexel_tools.refinement import footprint_columns, measure_placement, refine_placement
 from fexel_tools.verification import Evidence
 
 __all__ = ["Registration", "refine", "register_features", "register_pair"]
@@ -33,7 +33,13 @@ __all__ = ["Registration", "refine", "register_features", "register_pair"]
 MAX_ERROR_PX = 3.0
 _MIN_DETAIL = 0.8
 _MIN_AGREEING = 0.8
+_INLIER_PX = 2.5  # working pixels of the parent
+_MIN_INLIERS = 24  # chance placements and repeated windows gather less than ten
+_MIN_COVERAGE = 0.08
+_MIN_LIKENESS = 0.6  # correlation that features alone must be supported by
 _TRIED = 2  # candidate placements refined to the end before giving up
+_RIVAL_CORRELATION = 0.06  # coarse placements this close to the best might be as good once refined
+_RIVAL_DETAIL = 0.05  # and are, when their detail correlates about as well
 _MIN_CORRELATION = 0.5  # below it a coarse placement is not worth refining
 _CROP_MARGIN = 0.15  # of the footprint, kept around it for `refine`
 _CROP_SIDE = 1024  # working size of the crop, pixels
@@ -64,6 +70,8 @@ class Registration:
         Expected error of the matrix itself at the photo's corners, parent pixels; `inf` when nothing was found.
     correlation : float
         Of luminance over the whole footprint, in [-1, 1].
+    by_features : bool
+        Features decided and not the detail, as where water moves or a scene has depth; `rms_px` is then the inliers'.
     points : (N, 4) float64
         The inliers: x, y in the photo, x, y in the parent.
     """
@@ -77,6 +85,7 @@ class Registration:
     rms_px: float = np.inf
     sigma_px: float = np.inf
     correlation: float = -1.0
+    by_features: bool = False
     points: np.ndarray = field(default_factory=lambda: np.zeros((0, 4)))
 
 
@@ -150,13 +159,51 @@ def register_features(parent: Features, photo: Features, *, max_error_px: float 
     for k in range(min(_TRIED, len(placements.matrices))):
         if placements.correlations[k] < _MIN_CORRELATION:
             break
-        matrix, evidence = refine_placement(parent, photo, placements.matrices[k])
-        points = guided_matches(parent, photo, matches, matrix, 2 * max_error_px)
-        result = _judge(parent, photo, matrix, evidence, points, max_error_px)
+        result = _place(parent, photo, matches, placements.matrices[k], max_error_px)
         if result.accepted:
-            return result
+            rivals = [k for k in range(k + 1, len(placements.matrices)) if _rivals(placements.correlations, k)]
+            return _unless_repeated(parent, photo, result, placements.matrices[rivals[:_TRIED]])
         best = max(best, result, key=lambda r: r.score)
     return best
+
+
+def _place(parent: Features, photo: Features, matches: Matches, start: np.ndarray, max_error_px: float) -> Registration:
+    """Refine one placement photometrically; where moving content or relief forbid that, by its features."""
+    unit = float(np.sqrt(parent.reduction.prod()))  # parent pixels per working pixel
+    matrix, evidence = refine_placement(parent, photo, start)
+    points = guided_matches(parent, photo, matches, matrix, _INLIER_PX * unit)
+    result = _judge(parent, photo, matrix, evidence, points, max_error_px)
+    if result.accepted and not result.by_features:
+        return result
+    footprint = photo.width / max(_scale(parent, photo, start), 1e-12)  # 1e-12: a collapsed footprint
+    for origin in (matrix, start):
+        wide = guided_matches(parent, photo, matches, origin, max(4 * _INLIER_PX * unit, 0.05 * footprint))
+        fitted = fit_homography(wide, _INLIER_PX * unit)
+        if fitted is None:
+            continue
+        inliers = guided_matches(parent, photo, matches, fitted, _INLIER_PX * unit)
+        if len(inliers) > len(result.points):
+            evidence = measure_placement(parent, photo, fitted)
+            result = _judge(parent, photo, fitted, evidence, inliers, max_error_px)
+    return result
+
+
+def _rivals(found: np.ndarray, k: int) -> bool:
+    """Whether the kth placement looks nearly as good as the best before refinement."""
+    return bool(found[k] > found[0] - _RIVAL_CORRELATION)
+
+
+def _unless_repeated(parent: Features, photo: Features, result: Registration, rivals: np.ndarray) -> Registration:
+    """The result, or a rejection when the photo fits as well in another place: a repeated texture."""
+    outline = np.array([[0, 0], [photo.width, 0], [photo.width, photo.height], [0, photo.height]], np.float64)
+    corners = map_points(result.matrix[None], outline)[0]
+    footprint = photo.width / result.scale
+    for start in rivals:
+        matrix, evidence = refine_placement(parent, photo, start)
+        apart = np.abs(map_points(matrix[None], outline)[0] - corners).max()
+        if apart > (0.5 if result.by_features else 0.1) * footprint and evidence.detail > result.score - _RIVAL_DETAIL:
+            return replace(result, accepted=False, matrix=None, reason="it fits in several places equally well")
+    return result
 
 
 def refine(
@@ -214,7 +261,7 @@ def _judge(parent, photo, matrix, evidence: Evidence, points, max_error_px) -> R
         accepted=False,
         matrix=None,
         score=evidence.detail,
-        reason=_objection(evidence, max_error_px),
+        reason=_objection(evidence, evidence.rms_px, max_error_px),
         scale=scale,
         inliers=len(points),
         rms_px=evidence.rms_px,
@@ -222,13 +269,31 @@ def _judge(parent, photo, matrix, evidence: Evidence, points, max_error_px) -> R
         correlation=evidence.correlation,
         points=points,
     )
+    if result.reason and _features_suffice(photo, evidence, points):
+        mapped = map_points(matrix[None], points[:, :2])[0]
+        rms = float(np.sqrt(np.mean(np.sum((mapped - points[:, 2:]) ** 2, axis=1))))
+        reason = "" if rms <= max_error_px else _misfit(rms, max_error_px)
+        result = replace(result, rms_px=rms, reason=reason, by_features=True)
     if result.reason:
         return result
     centre = matrix @ np.array([photo.width / 2, photo.height / 2, 1.0])
     return replace(result, accepted=True, matrix=matrix / centre[2])
 
 
-def _objection(evidence: Evidence, max_error_px: float) -> str:
+def _features_suffice(photo: Features, evidence: Evidence, points: np.ndarray) -> bool:
+    """Enough inliers, spread out, in photos that look alike."""
+    return (
+        len(points) >= _MIN_INLIERS
+        and coverage(points[:, :2], photo.width, photo.height) >= _MIN_COVERAGE
+        and evidence.correlation >= _MIN_LIKENESS
+    )
+
+
+def _misfit(rms_px: float, max_error_px: float) -> str:
+    return f"a homography leaves {rms_px:.2f} pixels, more than {max_error_px:g}: not one plane"
+
+
+def _objection(evidence: Evidence, rms_px: float, max_error_px: float) -> str:
     if evidence.blocks == 0:
         return "the place it resembles most shows no detail"
     if evidence.detail < _MIN_DETAIL or evidence.agreeing < _MIN_AGREEING:
@@ -236,8 +301,8 @@ def _objection(evidence: Evidence, max_error_px: float) -> str:
             f"the best place found agrees in {evidence.agreeing:.0%} of its textured parts, "
             f"correlation of detail {evidence.detail:.2f}"
         )
-    if evidence.rms_px > max_error_px:
-        return f"a homography leaves {evidence.rms_px:.2f} pixels, more than {max_error_px:g}: not one plane"
+    if rms_px > max_error_px:
+        return _misfit(rms_px, max_error_px)
     return ""
 
 

@@ -93,7 +93,7 @@ def _compare_blocks(a, b, mask):
     fine_a = a - cv2.GaussianBlur(a, (0, 0), _DETAIL_SIGMA)
     fine_b = b - cv2.GaussianBlur(b, (0, 0), _DETAIL_SIGMA)
     power = float((fine_a[mask] ** 2).sum() * (fine_b[mask] ** 2).sum())
-    detail = float((fine_a * fine_b)[mask].sum()) / np.sqrt(power) if power > 0 else 0.0
+    detail = float((fine_a * fine_b)[mask].sum() / np.sqrt(power)) if power > 0 else 0.0
     across = int(np.clip(a.shape[1] // _SMALLEST_BLOCK, 1, _BLOCKS))
     down = int(np.clip(a.shape[0] // _SMALLEST_BLOCK, 1, _BLOCKS))
     moments = _Moments(a, b, fine_a, fine_b, mask.astype(np.float32), down, across)
