@@ -93,6 +93,18 @@ def test_mesh_option_limits_what_is_unwrapped(room, tmp_path):
     assert not primvar_of(stage, "/Room/Wall", "uv2").HasValue()
 
 
+@pytest.mark.parametrize("orientation", ["rightHanded", "leftHanded"])
+def test_images_are_not_mirrored_seen_from_outside(tmp_path, orientation):
+    stage = Usd.Stage.CreateNew(str(tmp_path / "in.usda"))
+    define_square(stage, "/M").CreateOrientationAttr(orientation)
+    stage.GetRootLayer().Save()
+    unwrap(tmp_path / "in.usda", tmp_path / "out.usda")
+    result = Usd.Stage.Open(str(tmp_path / "out.usda"))
+    st = np.array(primvar_of(result, "/M").ComputeFlattened())
+    turn = np.linalg.det(np.stack([st[1] - st[0], st[2] - st[1]]))
+    assert bool(turn > 0) is (orientation == "rightHanded")
+
+
 def test_time_samples_of_points_are_unwrapped_at_the_first(tmp_path):
     stage = Usd.Stage.CreateNew(str(tmp_path / "in.usda"))
     mesh = define_square(stage, "/Flag")

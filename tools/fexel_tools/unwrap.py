@@ -200,7 +200,10 @@ def _unwrap_prim(stage: Usd.Stage, layer: Sdf.Layer, prim: Usd.Prim, options: _O
         atlas = make_atlas(points, counts, indices, options.resolution, options.padding)
     except FexelError as error:
         raise FexelError(f"{path}: {error}") from None
-    _author_primvar(layer, _editable_path(stage, layer, prim), options.primvar, atlas.st, atlas.corner_indices)
+    st = atlas.st
+    if mesh.GetOrientationAttr().Get() == UsdGeom.Tokens.leftHanded:
+        st = np.float32([1, 0]) + st * np.float32([-1, 1])  # outside is the other side
+    _author_primvar(layer, _editable_path(stage, layer, prim), options.primvar, st, atlas.corner_indices)
     return Unwrapped(path, len(counts), atlas.chart_count, atlas.utilization)
 
 
