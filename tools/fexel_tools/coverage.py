@@ -270,12 +270,13 @@ class _Nest:
 def _extent(polygon: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Least and greatest y of a convex polygon at each x within its span."""
     low, high = np.full(len(x), np.inf), np.full(len(x), -np.inf)
+    slack = 1e-7 * (x[-1] - x[0])  # an upright edge is not quite upright after a round trip through the root
     for a, b in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
         first, second = (a, b) if a[0] <= b[0] else (b, a)
-        over = (x >= first[0]) & (x <= second[0])
+        over = (x >= first[0] - slack) & (x <= second[0] + slack)
         span = second[0] - first[0]
         for share in (0.0, 1.0) if span == 0.0 else (None,):
-            t = share if share is not None else (x - first[0]) / span
+            t = share if share is not None else np.clip((x - first[0]) / span, 0.0, 1.0)
             y = first[1] + t * (second[1] - first[1])
             low = np.where(over, np.minimum(low, y), low)
             high = np.where(over, np.maximum(high, y), high)
