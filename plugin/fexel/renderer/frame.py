@@ -110,8 +110,7 @@ class FrameRenderer:
 
     def draw(self, scene: Scene, settings: FrameSettings) -> dict[str, np.ndarray]:
         """All AOVs of a frame: (height, width, channels) float32 by name, row 0 at the top."""
-        shape = (settings.height, settings.width)
-        images = {aov.name: np.empty((*shape, len(aov.channels)), np.float32) for aov in settings.aovs}
+        images = _empty_images(settings)
         aspect = settings.width * settings.pixel_aspect / settings.height
         projection = conform_projection(scene.camera, aspect, settings.conform_policy)
         self.state.begin_frame(scene, settings.camera_light)
@@ -119,12 +118,14 @@ class FrameRenderer:
             viewpoint = Viewpoint.of(scene.camera, projection, tile)
             with self.stats.phase("visibility"):
                 view_list = ViewList.of(scene, viewpoint)
-            with self.stats.phase("textures"):
-                self.state.begin_view(view_list)
-            for name, pixels in self._draw_tile(view_list, tile, settings).items():
-                images[name][tile.y : tile.y + tile.height, tile.x : tile.x + tile.width] = pixels
+            try:
+                with self.stats.phase("textures"):
+                    self.state.begin_view(view_list)
+                for name, pixels in self._draw_tile(view_list, tile, settings).items():
+                    images[name][tile.y : tile.y + tile.height, tile.x : tile.x + tile.width] = pixels
+            finally:
+                self.state.end_view()
             self._count(view_list)
-            self.state.end_view()
         self._check()
         return images
 
@@ -222,6 +223,15 @@ class FrameRenderer:
         """Free everything."""
         self._targets.release()
         self.state.release()
+
+
+def _empty_images(settings: FrameSettings) -> dict[str, np.ndarray]:
+    shape = (settings.height, settings.width)
+    try:
+        return {aov.name: np.empty((*shape, len(aov.channels)), np.float32) for aov in settings.aovs}
+    except MemoryError:
+        names = " ".join(aov.name for aov in settings.aovs)
+        raise FexelError(f"not enough memory for {settings.width} x {settings.height} pixels of {names}") from None
 
 
 def _with_background(image: np.ndarray, nothing: np.ndarray, aov: Aov) -> np.ndarray:
