@@ -1,5 +1,5 @@
 // Footprint: the pixel's preimage in texture space.
-// Provides Footprint, make_footprint, footprint_probes, footprint_level. Units: texels of level 0.
+// Provides Footprint, make_footprint, isotropic_level, footprint_probes, footprint_level. Units: texels of level 0.
 
 struct Footprint {
     float majorAxis;
@@ -24,6 +24,17 @@ Footprint make_footprint(vec2 dx, vec2 dy)
     pixel = pixelSquared > 0.0 ? pixel * inversesqrt(pixelSquared) : vec2(1.0, 0.0);
     return Footprint(majorSquared * inverseMajor, abs(dx.x * dy.y - dx.y * dy.x) * inverseMajor,
                      dx * pixel.x + dy * pixel.y);
+}
+
+// Mip level of an isotropic filter: log2 of the major axis alone.
+float isotropic_level(vec2 dx, vec2 dy)
+{
+    float a = dot(dx, dx);
+    float b = dot(dy, dy);
+    float c = dot(dx, dy);
+    float halfDifference = 0.5 * (a - b);
+    float majorSquared = 0.5 * (a + b) + sqrt(halfDifference * halfDifference + c * c);
+    return 0.5 * log2(max(majorSquared, 1e-36));  // 1e-36 keeps log2 finite where st is constant
 }
 
 // How many isotropic probes cover the footprint, 1 to maxProbes. A ratio a little over a whole number is not worth another.

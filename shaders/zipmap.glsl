@@ -2,7 +2,8 @@
 // Requires common_footprint.glsl. Provides zipmap_sample.
 //
 // Defines: ZIPMAP_SLOTS textures of the material; ZIPMAP_LEVELS 1 where every image is seen at one mip level only, else 2;
-// ZIPMAP_PROBES 1 for anisotropic filtering; ZIPMAP_SRGB, ZIPMAP_HALF which pages there are.
+// ZIPMAP_PROBES 1 for anisotropic filtering; ZIPMAP_OUTSIDE 1 where the root is seen outside of [0, 1]^2;
+// ZIPMAP_SRGB, ZIPMAP_HALF which pages there are.
 //
 // zipmapRecords (RGBA32F, ZIPMAP_ROW texels per row) holds, written by fexel/textures/records.py:
 //   node    leaf: (first record, number of records, 0, 0); inner: (first child, -children per axis, 0, 0)
@@ -80,19 +81,23 @@ float zipmap_wrap(float x, float size, float mode)
 }
 
 // One bilinear fetch. texel: of level 0; size: of level 0; level: its record; pageClass 0 sRGB, 1 half.
-// Outside of the image the coordinate stops at the centre of the border texel, which is zero for patches.
+// Where a texel coordinate can lie outside of the image, it stops at the centre of the border texel, which is zero for
+// patches and where wrap is black.
+#if ZIPMAP_OUTSIDE || ZIPMAP_PROBES
+#define ZIPMAP_STOP(page, begin, end, halfTexel) clamp(page, (begin) - (halfTexel), (end) + (halfTexel))
+#else
+#define ZIPMAP_STOP(page, begin, end, halfTexel) (page)
+#endif
 vec4 zipmap_texel(vec2 texel, vec2 size, vec4 level, int pageClass)
 {
     vec4 result = vec4(0.0);
     vec2 page = texel * level.xy + level.zw;
     vec2 end = size * level.xy + level.zw;
 #if ZIPMAP_SRGB
-    vec2 halfSrgb = zipmapHalfTexel[0].xy;
-    result = textureLod(zipmapPagesSrgb, clamp(page, level.zw - halfSrgb, end + halfSrgb), 0.0);
+    result = textureLod(zipmapPagesSrgb, ZIPMAP_STOP(page, level.zw, end, zipmapHalfTexel[0].xy), 0.0);
 #endif
 #if ZIPMAP_HALF
-    vec2 halfHalf = zipmapHalfTexel[1].xy;
-    vec4 high = textureLod(zipmapPagesHalf, clamp(page, level.zw - halfHalf, end + halfHalf), 0.0);
+    vec4 high = textureLod(zipmapPagesHalf, ZIPMAP_STOP(page, level.zw, end, zipmapHalfTexel[1].xy), 0.0);
     result = ZIPMAP_SRGB == 0 || pageClass == 1 ? high : result;
 #endif
     return result;
@@ -149,8 +154,12 @@ vec4 zipmap_sample(int slot, vec2 st, vec2 dstdx, vec2 dstdy, out float lod, out
         next = following;
         left--;
         vec2 size = vec2(rowX.w, rowY.w);
+#if ZIPMAP_OUTSIDE
         vec2 wrapped = vec2(zipmap_wrap(texel.x, size.x, wrap.x), zipmap_wrap(texel.y, size.y, wrap.y));
         vec2 place = isRoot ? wrapped : texel;
+#else
+        vec2 place = clamp(texel, vec2(0.0), size);  // samples of a pixel that is covered in part may stray
+#endif
         int finest = codes & 15;
         int coarsest = (codes >> 4) & 15;
         int pageClass = codes >> 8;
@@ -159,11 +168,13 @@ vec4 zipmap_sample(int slot, vec2 st, vec2 dstdx, vec2 dstdy, out float lod, out
         vec4 sampled = zipmap_texel(place, size, zipmap_fetch(record + 4), pageClass);
         float level = 0.0;
 #else
-        Footprint footprint = make_footprint(dx, dy);
 #if ZIPMAP_PROBES
+        Footprint footprint = make_footprint(dx, dy);
         float probes = footprint_probes(footprint, zipmapMaxProbes);
-#endif
         float level = footprint_level(footprint, zipmapMaxProbes);
+#else
+        float level = isotropic_level(dx, dy);
+#endif
         float used = clamp(level, float(finest), float(coarsest));
         int fine = int(used);
         float blend = used - float(fine);
@@ -175,8 +186,12 @@ vec4 zipmap_sample(int slot, vec2 st, vec2 dstdx, vec2 dstdy, out float lod, out
         float along = 0.5 * weight - 0.5;
         do {
             vec2 probe = texel + along * footprint.majorDirection;
+#if ZIPMAP_OUTSIDE
             vec2 wrappedProbe = vec2(zipmap_wrap(probe.x, size.x, wrap.x), zipmap_wrap(probe.y, size.y, wrap.y));
             probe = isRoot ? wrappedProbe : probe;
+#else
+            probe = isRoot ? clamp(probe, vec2(0.0), size) : probe;
+#endif
             sampled += mix(zipmap_texel(probe, size, fineLevel, pageClass), zipmap_texel(probe, size, coarseLevel, pageClass), blend);
             along += weight;
         } while (along < 0.5);

@@ -21,7 +21,7 @@ def test_visible_pieces_hold_every_pixel(tilt, distance):
 def test_visible_pieces_bound_the_footprint():
     view = tilted_view((0.4, 0.6), 0.5, 60, 120, 80)
     pieces = visible_surface(quad(), view, ["st"]).pieces["st"]
-    st, jacobian, shown = pixel_st(view)
+    _, jacobian, shown = pixel_st(view)
     area = np.abs(np.linalg.det(jacobian[shown]))
     known = np.abs(np.linalg.det(pieces.jacobian))
     assert known.min() <= area.min() * 1.001

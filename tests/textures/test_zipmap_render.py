@@ -223,11 +223,10 @@ def test_zipmap_missing_file_warns_once_and_shows_the_fallback(gl, tmp_path):
     )
     system = TextureSystem(gl)
     with pytest.warns(FexelWarning, match=r"/Zipmap\.inputs:file: .*missing\.png: no such file") as caught:
-        for _ in range(2):
-            rendered = render_texture(gl, zipmap_texture(stage), quad(), WHOLE, system)
+        rendered = [render_texture(gl, zipmap_texture(stage), quad(), WHOLE, system) for _ in range(2)]
     system.release()
     assert len(caught) == 1
-    assert np.abs(rendered[..., :4] - [0, 0.5, 1, 1]).max() < 1e-3
+    assert np.abs(np.array(rendered)[..., :4] - [0, 0.5, 1, 1]).max() < 1e-3
 
 
 def test_zipmap_truncated_file_warns_and_leaves_the_parent_to_be_seen(gl, tmp_path, rng):

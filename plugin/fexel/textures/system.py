@@ -68,6 +68,7 @@ class _Slot:
     bias: tuple[float, ...]
     levels: int
     probes: bool
+    outside: bool
     page_classes: frozenset[int]
 
 
@@ -89,6 +90,7 @@ class TextureBinding:
             "ZIPMAP_SLOTS": len(slots),
             "ZIPMAP_LEVELS": max(slot.levels for slot in slots),
             "ZIPMAP_PROBES": int(any(slot.probes for slot in slots)),
+            "ZIPMAP_OUTSIDE": int(any(slot.outside for slot in slots)),
         } | {f"ZIPMAP_{name.upper()}": int(number in classes) for number, name in enumerate(_PAGE_NAMES)}
 
     def apply(self, program: moderngl.Program, first_unit: int = 0) -> int:
@@ -336,10 +338,23 @@ def _shows(pairs: PairView, size: NDArray[np.int64]) -> NDArray[np.bool_]:
     return (pairs.layer == 0) | (pairs.lod_low < last_shown[pairs.layer] + 1)
 
 
+def _root_is_seen_outside(view: _Seen, probes: bool) -> bool:
+    """Whether the root's wrap mode matters; anisotropic probes may reach across its edge from within."""
+    if probes and view.wrap != ("clamp", "clamp"):
+        return True
+    visible = view.tree.visible
+    seen = np.concatenate([view.tree.low[visible], view.tree.high[visible]])
+    corners = homography.UNIT_SQUARE * np.ptp(seen, axis=0) + seen.min(axis=0)
+    root_st = homography.apply(view.local_to_layer[0], corners)
+    # 1e-5 is far below a texel; a surface whose st end at 0 and 1 may exceed them by rounding.
+    return not bool(((root_st >= -1e-5) & (root_st <= 1 + 1e-5)).all())
+
+
 def _slot(view: _Seen, first_node: int, two_levels: NDArray[np.bool_], page_class: NDArray[np.int64]) -> _Slot:
     tree = view.tree
     scale = 1.0 / tree.cell_size
     offset = -tree.origin * scale
+    probes = bool((view.pairs.probes > 1).any())
     return _Slot(
         grid=(float(scale[0]), float(scale[1]), float(offset[0]), float(offset[1])),
         tree=(first_node, tree.shape[0], tree.shape[1], 0),
@@ -347,6 +362,7 @@ def _slot(view: _Seen, first_node: int, two_levels: NDArray[np.bool_], page_clas
         scale=view.data.scale,
         bias=view.data.bias,
         levels=2 if two_levels.any() else 1,
-        probes=bool((view.pairs.probes > 1).any()),
+        probes=probes,
+        outside=_root_is_seen_outside(view, probes),
         page_classes=frozenset(int(c) for c in page_class[view.image[np.unique(view.pairs.layer)]]),
     )
