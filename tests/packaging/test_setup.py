@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import re
 import subprocess
-import sys
 import tomllib
 from pathlib import Path
 
@@ -87,11 +86,20 @@ def test_python_without_ensurepip_names_the_package(tmp_path):
 
 
 def test_working_environment_is_left_alone(tmp_path):
-    folder = tmp_path / "venv"
-    subprocess.run([sys.executable, "-m", "venv", str(folder)], check=True)
-    (folder / "mark").touch()
-    assert make_venv(sys.executable, folder).returncode == 0
-    assert (folder / "mark").exists()
+    python = tmp_path / "venv" / "bin" / "python"
+    python.parent.mkdir(parents=True)
+    python.write_text("#!/bin/sh\nexit 0\n")  # answers `-m pip --version` as an environment with pip does
+    python.chmod(0o755)
+    assert make_venv("no-such-python", tmp_path / "venv").returncode == 0
+    assert python.exists()
+
+
+def test_environment_without_pip_is_made_anew(tmp_path):
+    python = tmp_path / "venv" / "bin" / "python"
+    python.parent.mkdir(parents=True)
+    python.write_text("#!/bin/sh\nexit 1\n")
+    python.chmod(0o755)
+    assert "no-such-python: not found" in make_venv("no-such-python", tmp_path / "venv").stderr
 
 
 @pytest.mark.parametrize("target", ["setup", "test", "demo", "bench", "lint", "schema"])
