@@ -1,6 +1,8 @@
 """Make the teapot: Newell's mesh, printed with a photo of dandelions whose flower head is there in detail.
 
-usage: python stages/zipmap_teapot/make.py PHOTO       (the photo of README.md, 5312 x 2988 pixels)
+usage: python stages/zipmap_teapot/make.py [PHOTO]     (the photo of README.md, 5312 x 2988 pixels)
+
+Without the photo, which is not part of the repository, the textures stay as they are; all else is made anew.
 
 The patches are cut from the large photo and the root is the same photo, eight times smaller: what a photographer would
 bring home as five pictures. Blend masks are images of their own, as an artist would paint them.
@@ -97,24 +99,29 @@ def matrix(parent: np.ndarray, child: np.ndarray) -> np.ndarray:
     return np.array([[scale[0], 0, 0], [0, scale[1], 0], [*offset, 1]])
 
 
-def add_patches(stage: Usd.Stage, root: fexel.ZipmapTexture, photo: np.ndarray) -> None:
-    """Write the textures and the nested prims."""
-    (FOLDER / "textures").mkdir(exist_ok=True)
-    write_jpeg(FOLDER / "textures" / "root.jpg", shrink(photo, ROOT_SHRINK))
+def write_textures(photo: np.ndarray) -> None:
+    """Cut the photo into the root's texture and those of the patches, with their masks."""
+    textures = FOLDER / "textures"
+    textures.mkdir(exist_ok=True)
+    write_jpeg(textures / "root.jpg", shrink(photo, ROOT_SHRINK))
+    for cut in CUTS:
+        left, top, width, height = cut.window
+        pixels = shrink(photo[top : top + height, left : left + width], cut.shrink)
+        write_jpeg(textures / f"{cut.name.lower()}.jpg", pixels)
+        stage_parts.write_png(textures / f"{cut.name.lower()}_mask.png", mask(*pixels.shape[:2]))
+
+
+def add_patches(stage: Usd.Stage, root: fexel.ZipmapTexture) -> None:
+    """Nest the prims."""
     root.CreateFileAttr(Sdf.AssetPath("./textures/root.jpg"))
     root.CreateWrapSAttr("clamp")
     root.CreateWrapTAttr("clamp")
     placed = {"": (root.GetPath(), st_window((0, 0, *PHOTO_SIZE)))}
     for cut in CUTS:
-        left, top, width, height = cut.window
-        pixels = shrink(photo[top : top + height, left : left + width], cut.shrink)
-        stem = cut.name.lower()
-        write_jpeg(FOLDER / "textures" / f"{stem}.jpg", pixels)
-        stage_parts.write_png(FOLDER / "textures" / f"{stem}_mask.png", mask(*pixels.shape[:2]))
         path, corners = placed[cut.parent]
         patch = fexel.ZipmapTexture.Define(stage, path.AppendChild(cut.name))
-        patch.CreateFileAttr(Sdf.AssetPath(f"./textures/{stem}.jpg"))
-        patch.CreateMaskAttr(Sdf.AssetPath(f"./textures/{stem}_mask.png"))
+        patch.CreateFileAttr(Sdf.AssetPath(f"./textures/{cut.name.lower()}.jpg"))
+        patch.CreateMaskAttr(Sdf.AssetPath(f"./textures/{cut.name.lower()}_mask.png"))
         patch.CreateMatrixAttr(Gf.Matrix3d(*matrix(corners, st_window(cut.window)).ravel()))
         placed[cut.name] = (patch.GetPath(), st_window(cut.window))
 
@@ -185,15 +192,17 @@ def add_camera(stage: Usd.Stage, name: str, eye: tuple, target: tuple, focal: fl
     camera.AddTransformOp().Set(world_to_camera.GetInverse())
 
 
-def main(photo: Path) -> None:
-    """Write the textures, the stage and its fallback."""
+def main(photo: Path | None) -> None:
+    """Write the textures, if there is a photo to cut them from, the stage and its fallback."""
+    if photo:
+        write_textures(read_photo(photo))
     path = FOLDER / "zipmap_teapot.usda"
     stage = stage_parts.new_stage(
         path, "Newell's teapot, printed with a zipmap of four patches, as in figure 4 of the paper."
     )
     stage_parts.add_scopes(stage)
     printed, zipmap = stage_parts.add_zipmap_material(stage, "/World/Materials/Dandelions", roughness=0.4, ior=1.4)
-    add_patches(stage, zipmap, read_photo(photo))
+    add_patches(stage, zipmap)
     write_mesh(FOLDER / "teapot.usdc")
     add_teapot(stage, printed, add_glaze(stage, "/World/Materials/Glaze"))
     add_lights(stage)
@@ -207,4 +216,4 @@ def main(photo: Path) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    main(Path(sys.argv[1]) if len(sys.argv) > 1 else None)
