@@ -9,19 +9,18 @@ instances.
 from __future__ import annotations
 
 import os
-import tempfile
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdShade, Vt
+from pxr import Sdf, Tf, Usd, UsdGeom
 
 from fexel.errors import FexelError
 from fexel.stage import open_stage
-from fexel_tools.mesh_files import MESH_FORMATS, FileMesh, read_mesh_file
-from fexel_tools.uv_atlas import Atlas, make_atlas
+from fexel_tools.mesh_files import MESH_FORMATS
+from fexel_tools.unwrap_file import convert_file
+from fexel_tools.unwrap_layer import UnwrapOptions, Unwrapped, author_primvar, relative_path, write_layer
+from fexel_tools.uv_atlas import make_atlas
 
 __all__ = ["Unwrapped", "unwrap"]
 
@@ -29,39 +28,6 @@ _USD_FORMATS = (".usd", ".usda", ".usdc", ".usdz")
 _OUTPUT_FORMATS = (".usda", ".usdc", ".usd")
 
 Progress = Callable[[str, int, int], None]
-
-
-@dataclass(frozen=True)
-class Unwrapped:
-    """What became of one mesh.
-
-    Attributes
-    ----------
-    path : str
-        Prim path in the output.
-    face_count : int
-    chart_count : int
-        0 where the mesh kept the coordinates it had, or was skipped.
-    utilization : float
-        Share of the texture that charts cover, [0, 1].
-    note : str
-        Why the mesh was not unwrapped, or ''.
-    """
-
-    path: str
-    face_count: int
-    chart_count: int = 0
-    utilization: float = 0.0
-    note: str = ""
-
-
-@dataclass(frozen=True)
-class _Options:
-    primvar: str
-    redo: bool
-    meshes: tuple[str, ...]
-    resolution: int
-    padding: int
 
 
 def unwrap(
@@ -105,18 +71,18 @@ def unwrap(
         Missing, damaged or unsupported input; no mesh, an empty mesh, or one that cannot be unwrapped; a wrong option.
     """
     source, output, progress = Path(source), Path(output), progress or _silent
-    options = _Options(primvar, redo, tuple(meshes), resolution, padding)
+    options = UnwrapOptions(primvar, redo, tuple(meshes), resolution, padding)
     _check_options(source, output, options)
     if source.suffix.lower() in _USD_FORMATS:
         return _unwrap_stage(source, output, options, progress)
-    return _convert_file(source, output, options, progress)
+    return convert_file(source, output, options, progress)
 
 
 def _silent(_step: str, _done: int, _total: int) -> None:
     """No progress is shown."""
 
 
-def _check_options(source: Path, output: Path, options: _Options) -> None:
+def _check_options(source: Path, output: Path, options: UnwrapOptions) -> None:
     if not source.is_file():
         raise FexelError(f"{source}: no such file")
     if source.suffix.lower() not in _USD_FORMATS + MESH_FORMATS:
@@ -135,11 +101,11 @@ def _check_options(source: Path, output: Path, options: _Options) -> None:
         raise FexelError(f"{found}: expected at least 16 and 0 texels")
 
 
-def _unwrap_stage(source: Path, output: Path, options: _Options, progress: Progress) -> list[Unwrapped]:
+def _unwrap_stage(source: Path, output: Path, options: UnwrapOptions, progress: Progress) -> list[Unwrapped]:
     """Write a layer over a stage."""
     stage = open_stage(source)
     layer = Sdf.Layer.CreateAnonymous(".usda")  # not on the stage: prototypes keep their names while it fills
-    layer.subLayerPaths = [_relative(source, output)]
+    layer.subLayerPaths = [relative_path(source, output)]
     _copy_stage_metadata(stage.GetRootLayer(), layer)
     targets = list(_target_meshes(stage, source, options))
     results = []
@@ -147,7 +113,7 @@ def _unwrap_stage(source: Path, output: Path, options: _Options, progress: Progr
         progress("meshes", done, len(targets))
         results.append(_unwrap_prim(stage, layer, prim, options))
     progress("meshes", len(targets), len(targets))
-    _write(layer, output)
+    write_layer(layer, output)
     return results
 
 
@@ -158,7 +124,7 @@ def _copy_stage_metadata(source: Sdf.Layer, target: Sdf.Layer) -> None:
             target.pseudoRoot.SetInfo(key, source.pseudoRoot.GetInfo(key))
 
 
-def _target_meshes(stage: Usd.Stage, source: Path, options: _Options) -> Iterator[Usd.Prim]:
+def _target_meshes(stage: Usd.Stage, source: Path, options: UnwrapOptions) -> Iterator[Usd.Prim]:
     """Mesh prims to look at, each shared one once: where it can be edited, or in its prototype."""
     wanted = [_wanted_path(stage, source, path) for path in options.meshes]
     predicate = Usd.PrimIsActive & Usd.PrimIsLoaded & ~Usd.PrimIsAbstract  # prototypes of instancers may be overs
@@ -184,7 +150,7 @@ def _wanted_path(stage: Usd.Stage, source: Path, path: str) -> Sdf.Path:
     return Sdf.Path(path)
 
 
-def _unwrap_prim(stage: Usd.Stage, layer: Sdf.Layer, prim: Usd.Prim, options: _Options) -> Unwrapped:
+def _unwrap_prim(stage: Usd.Stage, layer: Sdf.Layer, prim: Usd.Prim, options: UnwrapOptions) -> Unwrapped:
     """Author coordinates for one mesh, unless it has them."""
     mesh, path = UsdGeom.Mesh(prim), str(prim.GetPath())
     points, counts, indices = (
@@ -203,7 +169,7 @@ def _unwrap_prim(stage: Usd.Stage, layer: Sdf.Layer, prim: Usd.Prim, options: _O
     st = atlas.st
     if mesh.GetOrientationAttr().Get() == UsdGeom.Tokens.leftHanded:
         st = np.float32([1, 0]) + st * np.float32([-1, 1])  # outside is the other side
-    _author_primvar(layer, _editable_path(stage, layer, prim), options.primvar, st, atlas.corner_indices)
+    author_primvar(layer, _editable_path(stage, layer, prim), options.primvar, st, atlas.corner_indices)
     return Unwrapped(path, len(counts), atlas.chart_count, atlas.utilization)
 
 
@@ -250,131 +216,3 @@ def _free_path(stage: Usd.Stage, layer: Sdf.Layer, name: str) -> Sdf.Path:
         number += 1
         path = Sdf.Path(f"/{name}_{number}")
     return path
-
-
-def _author_primvar(layer: Sdf.Layer, path: Sdf.Path, name: str, st: np.ndarray, indices: np.ndarray) -> None:
-    """Author an indexed faceVarying primvar."""
-    prim = Sdf.CreatePrimInLayer(layer, path)
-    for attribute_name, type_name, value in (
-        (
-            f"primvars:{name}",
-            Sdf.ValueTypeNames.TexCoord2fArray,
-            Vt.Vec2fArray.FromNumpy(np.ascontiguousarray(st, np.float32)),
-        ),
-        (
-            f"primvars:{name}:indices",
-            Sdf.ValueTypeNames.IntArray,
-            Vt.IntArray.FromNumpy(np.ascontiguousarray(indices, np.int32)),
-        ),
-    ):
-        attribute = prim.attributes.get(attribute_name) or Sdf.AttributeSpec(prim, attribute_name, type_name)
-        attribute.default = value
-    prim.attributes[f"primvars:{name}"].SetInfo("interpolation", UsdGeom.Tokens.faceVarying)
-
-
-def _convert_file(source: Path, output: Path, options: _Options, progress: Progress) -> list[Unwrapped]:
-    """Make a stage of a mesh file."""
-    if options.meshes:
-        raise FexelError(f"--mesh names prims of a USD stage; {source} is none")
-    meshes = read_mesh_file(source)
-    stage = Usd.Stage.CreateInMemory()
-    UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.y)
-    UsdGeom.SetStageMetersPerUnit(stage, 1.0)
-    root = UsdGeom.Xform.Define(stage, f"/{Tf.MakeValidIdentifier(source.stem)}")
-    stage.SetDefaultPrim(root.GetPrim())
-    results = []
-    for done, mesh in enumerate(meshes):
-        progress("meshes", done, len(meshes))
-        results.append(_convert_mesh(stage, root.GetPath(), mesh, source, output, options))
-    progress("meshes", len(meshes), len(meshes))
-    _write(stage.GetRootLayer(), output)
-    return results
-
-
-def _convert_mesh(
-    stage: Usd.Stage, parent: Sdf.Path, mesh: FileMesh, source: Path, output: Path, options: _Options
-) -> Unwrapped:
-    path = _free_path_below(stage, parent, "Mesh" if mesh.name == source.stem else Tf.MakeValidIdentifier(mesh.name))
-    keeps = mesh.st is not None and not options.redo
-    atlas = Atlas(mesh.st, mesh.st_indices, 0, 0.0) if keeps else None
-    try:
-        atlas = atlas or make_atlas(mesh.points, mesh.counts, mesh.indices, options.resolution, options.padding)
-    except FexelError as error:
-        raise FexelError(f"{source}: {mesh.name}: {error}") from None
-    prim = UsdGeom.Mesh.Define(stage, path)
-    points = Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(mesh.points, np.float32))
-    prim.CreatePointsAttr(points)
-    prim.CreateExtentAttr(UsdGeom.PointBased.ComputeExtent(points))
-    prim.CreateFaceVertexCountsAttr(Vt.IntArray.FromNumpy(mesh.counts.astype(np.int32)))
-    prim.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(mesh.indices.astype(np.int32)))
-    prim.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
-    if not np.array_equal(mesh.matrix, np.eye(4)):
-        prim.AddTransformOp().Set(Gf.Matrix4d(mesh.matrix.tolist()))
-    _author_primvar(stage.GetRootLayer(), path, options.primvar, atlas.st, atlas.corner_indices)
-    if keeps and mesh.texture is not None:
-        _bind_texture(stage, prim, mesh.texture, output, options.primvar)
-    note = "keeps the coordinates of the file" if keeps else ""
-    return Unwrapped(str(path), len(mesh.counts), atlas.chart_count, atlas.utilization, note)
-
-
-def _free_path_below(stage: Usd.Stage, parent: Sdf.Path, name: str) -> Sdf.Path:
-    number, path = 0, parent.AppendChild(name)
-    while stage.GetPrimAtPath(path):
-        number += 1
-        path = parent.AppendChild(f"{name}_{number}")
-    return path
-
-
-def _bind_texture(stage: Usd.Stage, mesh: UsdGeom.Mesh, texture: Any, output: Path, primvar: str) -> None:
-    """A UsdPreviewSurface with the file's colour texture; an embedded image is written beside the output."""
-    name = mesh.GetPrim().GetName()
-    if isinstance(texture, Path):
-        file = _relative(texture, output)
-    else:
-        image = output.with_name(f"{output.stem}_{name}.png")
-        texture.convert("RGBA" if "A" in texture.getbands() else "RGB").save(image)
-        file = f"./{image.name}"
-    material = UsdShade.Material.Define(stage, mesh.GetPath().GetParentPath().AppendChild(f"{name}_material"))
-    surface, reader, image = (
-        UsdShade.Shader.Define(stage, material.GetPath().AppendChild(part)) for part in ("surface", "reader", "texture")
-    )
-    surface.CreateIdAttr("UsdPreviewSurface")
-    reader.CreateIdAttr("UsdPrimvarReader_float2")
-    image.CreateIdAttr("UsdUVTexture")
-    reader.CreateInput("varname", Sdf.ValueTypeNames.String).Set(primvar)
-    image.CreateInput("file", Sdf.ValueTypeNames.Asset).Set(Sdf.AssetPath(file))
-    for wrap in ("wrapS", "wrapT"):
-        image.CreateInput(wrap, Sdf.ValueTypeNames.Token).Set("repeat")
-    image.CreateInput("st", Sdf.ValueTypeNames.Float2).ConnectToSource(
-        reader.CreateOutput("result", Sdf.ValueTypeNames.Float2)
-    )
-    surface.CreateInput("diffuseColor", Sdf.ValueTypeNames.Color3f).ConnectToSource(
-        image.CreateOutput("rgb", Sdf.ValueTypeNames.Float3)
-    )
-    material.CreateSurfaceOutput().ConnectToSource(surface.CreateOutput("surface", Sdf.ValueTypeNames.Token))
-    UsdShade.MaterialBindingAPI.Apply(mesh.GetPrim()).Bind(material)
-
-
-def _relative(source: Path, output: Path) -> str:
-    """Path of a file as the output names it, anchored with ./ so that USD looks beside the layer."""
-    relative = Path(os.path.relpath(source.resolve(), output.resolve().parent)).as_posix()
-    return relative if relative.startswith("../") else f"./{relative}"
-
-
-def _write(layer: Sdf.Layer, output: Path) -> None:
-    """Export beside the output, then rename over it."""
-    handle, temporary = tempfile.mkstemp(prefix=f".{output.stem}-", suffix=output.suffix, dir=output.parent)
-    os.close(handle)
-    try:
-        if not layer.Export(temporary):
-            raise FexelError(f"{output}: USD could not write it")
-        os.chmod(temporary, 0o666 & ~_umask())
-        os.replace(temporary, output)
-    finally:
-        Path(temporary).unlink(missing_ok=True)
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
