@@ -304,3 +304,22 @@ def test_command_prints_a_line_per_mesh_and_fails_with_one(room, tmp_path, capsy
         main()
     assert failed.value.code == 1
     assert capsys.readouterr().err == "fexel: absent.usd: no such file\n"
+
+
+def test_image_embedded_in_a_glb_is_written_beside_the_stage(tmp_path):
+    trimesh, image = pytest.importorskip("trimesh"), pytest.importorskip("PIL.Image")
+    picture = image.fromarray(np.arange(48, dtype=np.uint8).reshape(4, 4, 3))
+    material = trimesh.visual.material.PBRMaterial(baseColorTexture=picture)
+    visual = trimesh.visual.TextureVisuals(uv=np.array([(0, 0), (1, 0), (1, 1)]), material=material)
+    mesh = trimesh.Trimesh(np.eye(3), [[0, 1, 2]], visual=visual, process=False)
+    trimesh.Scene(mesh).export(tmp_path / "a.glb")
+    unwrap(tmp_path / "a.glb", tmp_path / "out.usda")
+    stage = Usd.Stage.Open(str(tmp_path / "out.usda"))
+    (texture,) = [p for p in stage.Traverse() if p.GetName() == "texture"]
+    written = tmp_path / texture.GetAttribute("inputs:file").Get().path
+    np.testing.assert_array_equal(np.asarray(image.open(written).convert("RGB")), np.asarray(picture))
+    (prim,) = [p for p in stage.Traverse() if p.IsA(UsdGeom.Mesh)]
+    np.testing.assert_allclose(
+        primvar_of(stage, prim.GetPath()).ComputeFlattened(), [(0, 0), (1, 0), (1, 1)], atol=1e-6
+    )
+    assert sorted(p.name for p in tmp_path.iterdir()) == sorted(["a.glb", "out.usda", written.name])

@@ -30,16 +30,27 @@ def convert_file(
     root = UsdGeom.Xform.Define(stage, f"/{Tf.MakeValidIdentifier(source.stem)}")
     stage.SetDefaultPrim(root.GetPrim())
     results = []
+    images: dict[Path, Any] = {}  # embedded ones, written once every mesh is done
     for done, mesh in enumerate(meshes):
         progress("meshes", done, len(meshes))
-        results.append(_convert_mesh(stage, root.GetPath(), mesh, source, output, options))
+        results.append(_convert_mesh(stage, root.GetPath(), mesh, source, output, options, images))
     progress("meshes", len(meshes), len(meshes))
+    for path, image in images.items():
+        temporary = path.with_name(f".{path.name}")
+        image.save(temporary, format="PNG")
+        temporary.replace(path)
     write_layer(stage.GetRootLayer(), output)
     return results
 
 
 def _convert_mesh(
-    stage: Usd.Stage, parent: Sdf.Path, mesh: FileMesh, source: Path, output: Path, options: UnwrapOptions
+    stage: Usd.Stage,
+    parent: Sdf.Path,
+    mesh: FileMesh,
+    source: Path,
+    output: Path,
+    options: UnwrapOptions,
+    images: dict[Path, Any],
 ) -> Unwrapped:
     path = _free_path_below(stage, parent, "Mesh" if mesh.name == source.stem else Tf.MakeValidIdentifier(mesh.name))
     keeps = mesh.st is not None and not options.redo
@@ -59,7 +70,7 @@ def _convert_mesh(
         prim.AddTransformOp().Set(Gf.Matrix4d(mesh.matrix.tolist()))
     author_primvar(stage.GetRootLayer(), path, options.primvar, atlas.st, atlas.corner_indices)
     if keeps and mesh.texture is not None:
-        _bind_texture(stage, prim, mesh.texture, output, options.primvar)
+        _bind_texture(stage, prim, _texture_path(prim, mesh.texture, output, images), options.primvar)
     note = "keeps the coordinates of the file" if keeps else ""
     return Unwrapped(str(path), len(mesh.counts), atlas.chart_count, atlas.utilization, note)
 
@@ -72,15 +83,18 @@ def _free_path_below(stage: Usd.Stage, parent: Sdf.Path, name: str) -> Sdf.Path:
     return path
 
 
-def _bind_texture(stage: Usd.Stage, mesh: UsdGeom.Mesh, texture: Any, output: Path, primvar: str) -> None:
-    """A UsdPreviewSurface with the file's colour texture; an embedded image is written beside the output."""
-    name = mesh.GetPrim().GetName()
+def _texture_path(mesh: UsdGeom.Mesh, texture: Any, output: Path, images: dict[Path, Any]) -> str:
+    """The colour texture as the stage names it; an embedded image is put down to be written beside the output."""
     if isinstance(texture, Path):
-        file = relative_path(texture, output)
-    else:
-        image = output.with_name(f"{output.stem}_{name}.png")
-        texture.convert("RGBA" if "A" in texture.getbands() else "RGB").save(image)
-        file = f"./{image.name}"
+        return relative_path(texture, output)
+    path = output.with_name(f"{output.stem}_{mesh.GetPrim().GetName()}.png")
+    images[path] = texture.convert("RGBA" if "A" in texture.getbands() else "RGB")
+    return f"./{path.name}"
+
+
+def _bind_texture(stage: Usd.Stage, mesh: UsdGeom.Mesh, file: str, primvar: str) -> None:
+    """A UsdPreviewSurface with the file's colour texture."""
+    name = mesh.GetPrim().GetName()
     material = UsdShade.Material.Define(stage, mesh.GetPath().GetParentPath().AppendChild(f"{name}_material"))
     surface, reader, image = (
         UsdShade.Shader.Define(stage, material.GetPath().AppendChild(part)) for part in ("surface", "reader", "texture")
