@@ -14,7 +14,7 @@ from fexel_tools.verification import Evidence, measure
 
 __all__ = ["footprint_columns", "measure_placement", "refine_placement"]
 
-_FINEST_COLUMNS = 256
+_MOST_COLUMNS = 360
 _COARSEST_COLUMNS = 32
 _HOPELESS = 0.35  # correlation below which finer levels are not worth the time
 
@@ -64,13 +64,16 @@ def measure_placement(parent: Features, photo: Features, matrix: np.ndarray) -> 
 
 
 def _finest(parent, photo, matrix):
-    """Samples across the photo, about one per working pixel of the parent."""
-    return int(np.clip(round(footprint_columns(parent, photo, matrix)), 16, _FINEST_COLUMNS))
+    """Samples across the photo: one per pixel of a pyramid level of the parent, so that both are averaged alike."""
+    columns = footprint_columns(parent, photo, matrix)
+    while columns > _MOST_COLUMNS:
+        columns /= 2
+    return max(16, round(columns))
 
 
 def _ladder(first: int, last: int) -> list[int]:
-    """Doubling numbers of columns that end at the last."""
+    """Numbers of columns from coarse to fine, doubling, up to the last."""
     ladder = [last]
-    while ladder[0] > first * 1.5:
-        ladder.insert(0, max(first, ladder[0] // 2))
+    while ladder[0] >= 2 * first:
+        ladder.insert(0, round(ladder[0] / 2))
     return ladder

@@ -33,6 +33,7 @@ __all__ = ["Registration", "refine", "register_features", "register_pair"]
 MAX_ERROR_PX = 3.0
 _MIN_DETAIL = 0.8
 _MIN_AGREEING = 0.8
+_MAX_RESIDUAL = 0.45  # working pixels; right placements leave 0.05 to 0.25, those in a regular pattern 0.5 and more
 _INLIER_PX = 2.5  # working pixels of the parent
 _MIN_INLIERS = 24  # chance placements and repeated windows gather less than ten
 _MIN_COVERAGE = 0.08
@@ -261,7 +262,7 @@ def _judge(parent, photo, matrix, evidence: Evidence, points, max_error_px) -> R
         accepted=False,
         matrix=None,
         score=evidence.detail,
-        reason=_objection(evidence, evidence.rms_px, max_error_px),
+        reason=_objection(evidence, max_error_px, float(np.sqrt(parent.reduction.prod()))),
         scale=scale,
         inliers=len(points),
         rms_px=evidence.rms_px,
@@ -293,7 +294,7 @@ def _misfit(rms_px: float, max_error_px: float) -> str:
     return f"a homography leaves {rms_px:.2f} pixels, more than {max_error_px:g}: not one plane"
 
 
-def _objection(evidence: Evidence, rms_px: float, max_error_px: float) -> str:
+def _objection(evidence: Evidence, max_error_px: float, unit_px: float) -> str:
     if evidence.blocks == 0:
         return "the place it resembles most shows no detail"
     if evidence.detail < _MIN_DETAIL or evidence.agreeing < _MIN_AGREEING:
@@ -301,8 +302,10 @@ def _objection(evidence: Evidence, rms_px: float, max_error_px: float) -> str:
             f"the best place found agrees in {evidence.agreeing:.0%} of its textured parts, "
             f"correlation of detail {evidence.detail:.2f}"
         )
-    if rms_px > max_error_px:
-        return _misfit(rms_px, max_error_px)
+    if evidence.rms_px > max_error_px:
+        return _misfit(evidence.rms_px, max_error_px)
+    if evidence.rms_px > _MAX_RESIDUAL * unit_px:
+        return f"the best place found agrees only loosely, to {evidence.rms_px:.2f} pixels"
     return ""
 
 
