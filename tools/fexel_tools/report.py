@@ -7,9 +7,10 @@
 
 `root_from_photo` maps continuous pixel coordinates (x right, y down, (0, 0) at the outer corner of the first pixel,
 column vectors) of the upright photo, EXIF orientation applied, to the root's; it is null for a photo that was not
-placed. `scale` is pixels of the photo per pixel of its parent, `rms_px` the root mean square distance of the inliers,
-in pixels of the parent, from where the final placement puts them. Files are named as they were given. Numbers that
-are not finite are null.
+placed. `scale` is pixels of the photo per pixel of its parent. `inliers` and `rms_px` are of one registration of the
+photo, with its parent if there is one: feature matches that agree, and the root mean square misplacement left over the
+textured parts with the final placement, in pixels of the coarser of the two photos. Files are named as they were
+given. Numbers that are not finite are null.
 """
 
 from __future__ import annotations
