@@ -26,6 +26,7 @@ _STEP_TOLERANCE = 1e-6  # of half a photo: hundredths of a pixel that nothing co
 _SIGMA_FLOOR_PX = 0.05  # no link is trusted further than photometric refinement reaches
 _SCALE_SIGMAS = 3.0  # Geman-McClure scale: a link this many sigmas off counts a quarter
 _CANDIDATES = 12  # links tried per contradiction
+_TRUST = 0.2  # what the loss of the most trusted link costs, in links left unreconciled
 _OUTLIER_PX = 3.0  # a link this far from all others is an error, not noise
 
 
@@ -166,15 +167,23 @@ def _without_one(
     """
     ends = {links[worst].coarse, links[worst].fine}
     near = sorted((k for k in excess if {links[k].coarse, links[k].fine} & ends), key=lambda k: -excess[k])
+    trust = {k: 1.0 / (max(links[k].sigma_px, _SIGMA_FLOOR_PX) * _zoom(links[k], sizes)) for k in near}
     best: tuple[float, tuple[dict[int, np.ndarray], dict[int, float], int]] | None = None
     for k in near[:_CANDIDATES]:
         poses, residual = _solve(links, sizes, root, [*dropped, k])
         cost = sum(min(1.0, residual[i] / links[i].tolerance_px) ** 2 for i in residual)
         cost += len(excess) - 1 - len(residual)  # links cut off with their photo are lost, not reconciled
+        cost += _TRUST * trust[k] / max(trust.values())  # decides a triangle, which any of its three links reconciles
         if best is None or cost < best[0]:
             best = cost, (poses, residual, k)
     assert best is not None
     return best[1]
+
+
+def _zoom(link: PoseLink, sizes: list[tuple[int, int]]) -> float:
+    """Pixels of the finer photo per pixel of the coarser, at the finer one's centre."""
+    matrix = _unit_w(link.coarse_from_fine, sizes[link.fine])
+    return float(max(abs(np.linalg.det(matrix)), 1e-24) ** -0.5)  # 1e-24: a collapsed footprint
 
 
 def _unit_w(pose: np.ndarray, size: tuple[int, int]) -> np.ndarray:
