@@ -124,9 +124,11 @@ def _refine(
     for depth in range(_MAX_DEPTH + 1):
         count = len(grid.low)
         visible, low, high, jacobian = _visible_part(grid, pieces)
-        cell, layer = _touching(grid, visible, (low, high), jacobian[:, 2], local_to_layer)
+        cell, layer, covered = _touching(grid, visible, (low, high), jacobian[:, 2], local_to_layer)
         length = np.bincount(cell, minlength=count)
-        split = visible & (length > _LEAF_LENGTH) & (_cell_px(low, high, jacobian[:, 0]) > _MIN_CELL_PX)
+        # Where every layer covers the whole cell, as deep in a nest, smaller cells would list the same ones.
+        divided = np.bincount(cell[~covered], minlength=count) > 0
+        split = visible & divided & (length > _LEAF_LENGTH) & (_cell_px(low, high, jacobian[:, 0]) > _MIN_CELL_PX)
         next_total = total + count + int(split.sum()) * _CHILDREN**2
         if depth == _MAX_DEPTH or next_total > _MAX_CELLS:
             split[:] = False
@@ -215,9 +217,9 @@ def _touching(
     box: tuple[NDArray[np.float64], NDArray[np.float64]],
     largest: NDArray[np.float64],
     local_to_layer: NDArray[np.float64],
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.bool_]]:
     """Pairs whose cell does not lie wholly beyond one side of the layer; anisotropic probes reach a footprint
-    further.
+    further. And whether the layer covers the whole cell.
     """
     cell, layer = grid.layer
     keep = visible[cell]
@@ -230,7 +232,8 @@ def _touching(
     beyond = (
         (u < 0).all(axis=1) | (v < 0).all(axis=1) | (u > w).all(axis=1) | (v > w).all(axis=1) | (w <= 0).all(axis=1)
     )
-    return cell[~beyond], layer[~beyond]
+    covered = ((u >= 0) & (v >= 0) & (u <= w) & (v <= w) & (w > 0)).all(axis=1)
+    return cell[~beyond], layer[~beyond], covered[~beyond]
 
 
 def _corners(low: NDArray[np.float64], high: NDArray[np.float64]) -> NDArray[np.float64]:
