@@ -40,7 +40,8 @@ class Evidence:
     agreeing : float
         Share of them whose detail correlates, in [0, 1].
     rms_px : float
-        Root mean square displacement left in the agreeing blocks, parent pixels; inf where there are none.
+        Root mean square displacement left in the agreeing blocks, weighted by their gradients, parent pixels; inf
+        where there are none.
     contrast : float
         Standard deviation of the photo's encoded luminance, in [0, 1].
     samples : int
@@ -100,7 +101,8 @@ def _compare_blocks(a, b, mask):
     textured = moments.texture > _FAINT
     agree = textured & (moments.likeness > 0.5)
     moved = moments.displacements()[agree]
-    rms = float(np.sqrt(np.mean(np.minimum(moved, 4.0) ** 2))) if len(moved) else np.inf
+    trust = (moments.xx + moments.yy)[agree] + 1e-12  # faint blocks hardly say where they are; 1e-12: all flat
+    rms = float(np.sqrt(np.average(np.minimum(moved, 4.0) ** 2, weights=trust))) if len(moved) else np.inf
     return detail, int(textured.sum()), float(agree.sum() / max(textured.sum(), 1)), rms
 
 
