@@ -6,6 +6,9 @@ show the same area: the child is reduced to the parent's resolution by area aver
 parent is the blurrier one, and registration is not perfect), and log ratios are combined by a robust M-estimate (Huber
 1964, iteratively reweighted least squares). Pixels near clipping or near black, in either image, say nothing about a
 gain and are left out; clipping is looked for before averaging, since a mean hides it.
+
+Haze adds light to a distant, narrow view: then no gain brings dark and bright parts together, and the model becomes
+``parent = gain_c * child + offset_c``. The gain alone matters to the Poisson equation, which finds offsets by itself.
 """
 
 from __future__ import annotations
@@ -24,6 +27,7 @@ _BRIGHTEST = 0.98  # linear; at and above, a channel may be clipped
 _FEWEST = 16  # pixels; fewer do not outvote a wrong one
 _LARGEST_GAIN = 64.0  # six stops either way: beyond, the two do not show the same thing
 _GAMMA_RANGE = (0.5, 2.0)
+_VEILED = 0.25  # residual of the gains, natural logarithm, past which an offset is fitted too
 _SMOOTHING = 1.5  # parent pixels, standard deviation
 
 
@@ -35,6 +39,8 @@ class ColorMatch:
     ----------
     gain : (3,) float64
         Linear light, parent over child; all 1 when there was not enough to go by.
+    offset : (3,) float64
+        Linear light, added after the gain; 0 unless there is a veil of haze.
     gamma : float
         Exponent on the child's linear value; 1 unless it was fitted.
     residual : float
@@ -50,13 +56,14 @@ class ColorMatch:
     residual: float = float("nan")
     samples: int = 0
     reason: str = ""
+    offset: np.ndarray = field(default_factory=lambda: np.zeros(3))
 
     def apply(self, child: np.ndarray) -> np.ndarray:
         """Matched copy (H, W, 3) float32 of a linear image; not clipped. Negative values keep their sign."""
         child = np.asarray(child, np.float32)
         if self.gamma != 1.0:
             child = np.copysign(np.abs(child) ** np.float32(self.gamma), child)
-        return child * np.asarray(self.gain, np.float32)
+        return child * np.asarray(self.gain, np.float32) + np.asarray(self.offset, np.float32)
 
 
 def match_color(
@@ -110,6 +117,8 @@ def match_samples(child: np.ndarray, parent: np.ndarray, *, fit_gamma: bool = Fa
     if gain.max() > _LARGEST_GAIN or gain.min() < 1 / _LARGEST_GAIN:
         found = ", ".join(f"{value:.3g}" for value in gain)
         return ColorMatch(samples=fewest, reason=f"gains {found}, expected 1/{_LARGEST_GAIN:g} to {_LARGEST_GAIN:g}")
+    if residual > _VEILED and gamma == 1.0:
+        return _through_haze(np.exp(x), np.exp(y), channel, fewest) or ColorMatch(gain, gamma, residual, fewest)
     return ColorMatch(gain, gamma, residual, fewest)
 
 
@@ -166,6 +175,23 @@ def _fit(x: np.ndarray, y: np.ndarray, channel: np.ndarray, with_slope: bool) ->
         if np.abs(moved).max() < 1e-6:
             break
     return intercept, slope, 1.4826 * float(np.median(np.abs(y - slope * x - intercept[channel])))
+
+
+def _through_haze(x: np.ndarray, y: np.ndarray, channel: np.ndarray, samples: int) -> ColorMatch | None:
+    """Gain and offset per channel, Huber's M-estimate in linear light; None unless gains lie within a factor of 4."""
+    gain, offset, rest = np.ones(3), np.zeros(3), np.zeros(len(x))
+    for c in range(3):
+        mine = channel == c
+        weight = np.ones(int(mine.sum()))
+        for _ in range(20):
+            gain[c], offset[c] = np.polyfit(x[mine], y[mine], 1, w=np.sqrt(weight))
+            rest[mine] = y[mine] - gain[c] * x[mine] - offset[c]
+            scale = 1.4826 * float(np.median(np.abs(rest[mine]))) + 1e-9  # 1e-9: a perfect fit has no spread
+            weight = np.minimum(1.0, 1.345 * scale / np.maximum(np.abs(rest[mine]), 1e-12))
+    if not (gain > 0.25).all() or not (gain < 4.0).all():
+        return None
+    residual = 1.4826 * float(np.median(np.abs(rest) / y))
+    return ColorMatch(gain, 1.0, residual, samples, "", offset)
 
 
 def _texels_of_child_per_parent(parent_from_child: np.ndarray, height: int, width: int) -> float:
