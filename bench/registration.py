@@ -22,6 +22,8 @@ _TARGETS = {2: 97, 4: 97, 6: 97, 8: 97, 12: 92, 16: 90, 24: 70}
 _SIFT = {2: 100, 4: 86, 6: 71, 8: 93, 12: 64, 16: 36, 24: 0}  # SIFT, ratio test, MAGSAC; measured beforehand
 _CHAIN = (6.0, 40.0)  # a photo between brings scale 40 within reach
 _WRONG_PX = 3.0
+_WINDOWS = 12  # of each photo; against the photo's own other part, all of them
+_UNRELATED_WINDOWS = 4  # against every other photo: more than 1000 pairs
 _TEXTURES = (
     *PHOTOS,
     "umbrella/backgrounds/grass_rotate_01.jpg",
@@ -80,7 +82,7 @@ def false_positive_sets(folder: Path, quick: bool) -> tuple[list[Features], list
         photo = cv2.resize(photo, (1024, round(1024 * photo.shape[0] / photo.shape[1])), interpolation=cv2.INTER_AREA)
         parents.append(detect_features(photo[:, :500]))
         rng = np.random.default_rng([_SEED, index])
-        windows.append([detect_features(_window(photo[:, 524:], rng)) for _ in range(3)])
+        windows.append([detect_features(_window(photo[:, 524:], rng)) for _ in range(3 if quick else _WINDOWS)])
     return parents, windows
 
 
@@ -157,8 +159,9 @@ def _chain_succeeds(chain: list[Case]) -> bool:
 
 def _false_positive_rows(folder, quick) -> Iterator[Row]:
     parents, windows = false_positive_sets(folder, quick)
+    several = range(len(parents))
     unrelated = [
-        (parents[i], photo) for i in range(len(parents)) for j in range(len(parents)) if i != j for photo in windows[j]
+        (parents[i], photo) for i in several for j in several if i != j for photo in windows[j][:_UNRELATED_WINDOWS]
     ]
     same = [(parents[i], photo) for i in range(len(parents)) for photo in windows[i]]
     pairs = (("unrelated photos", unrelated, 0.1), ("other parts of the same surface, repeated textures", same, 0.5))
