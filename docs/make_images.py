@@ -10,6 +10,7 @@ from pxr import Usd
 
 import fexel
 from fexel.images import linear_to_srgb
+from fexel_tools import demo
 from fexel_tools.contact_sheet import SheetRow, contact_sheet
 
 DOCS = Path(__file__).resolve().parent
@@ -50,6 +51,19 @@ def magnification(stage: Usd.Stage, frame: int) -> str:
     return f"{value:.1f}x" if value < 20 else f"{value:,.0f}x"
 
 
+def demo_sheet(renderer: fexel.Renderer, count: int, width: int) -> np.ndarray:
+    """The zoom of `make demo`, with patches above, with the root alone below."""
+    rows, labels = [], []
+    for label, root_alone in (("zipmap", False), ("root texture alone", True)):
+        stage = Usd.Stage.Open(str(STAGES / "zipmap_demo" / "zipmap_demo.usda"))
+        labels = [f"{value:.1f}x" for value in demo.add_camera(stage, count)]
+        if root_alone:
+            demo.root_texture_alone(stage)
+        frames = range(1, count + 1)
+        rows.append(SheetRow(label, [picture(renderer, stage, width, camera=demo.CAMERA, time=f) for f in frames]))
+    return contact_sheet(rows, labels)
+
+
 def teapot_sheet(renderer: fexel.Renderer, width: int) -> np.ndarray:
     """The pot from afar, and a close-up with and without the patches."""
     stage = Usd.Stage.Open(str(STAGES / "zipmap_teapot" / "zipmap_teapot.usda"))
@@ -78,7 +92,7 @@ def main() -> None:
             "deep_zoom",
             zoom_sheet(renderer, "zipmap_deep", "/World/Materials/Deep/Texture", [1, 9, 17, 25, 33, 41, 48], 180),
         )
-        write("zoom", zoom_sheet(renderer, "zipmap_demo", "/World/Materials/Zipmap/Texture", [1, 12, 24, 36, 48], 256))
+        write("zoom", demo_sheet(renderer, 6, 224))
 
 
 if __name__ == "__main__":
