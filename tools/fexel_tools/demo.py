@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import sys
 import time
+import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -189,6 +190,10 @@ def _progress(frames: Sequence[float], description: str) -> Iterable[float]:
     return track(frames, description=description, console=Console(stderr=True))
 
 
+def _one_line(message: Warning | str, *_place: object, **_options: object) -> None:
+    sys.stderr.write(f"fexel: warning: {message}\n")
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the demonstration; one line on stdout says where the results are."""
     parser = argparse.ArgumentParser(prog="python -m fexel_tools.demo", description="Photos to a zipmap to a zoom.")
@@ -199,7 +204,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     start = time.perf_counter()
     try:
-        result = make_demo(options.photos or bundled_photos(), options.output, options.frames, options.width)
+        with warnings.catch_warnings():
+            warnings.showwarning = _one_line  # restored on leaving
+            result = make_demo(options.photos or bundled_photos(), options.output, options.frames, options.width)
     except FexelError as error:
         sys.stderr.write(f"fexel: {error}\n")
         return 1
