@@ -176,11 +176,12 @@ def _blend_alpha(rgb: np.ndarray, tau: float | None) -> np.ndarray:
     """(H, W) float32 blend mask, eqs. (2) and (3), of the sRGB-encoded patch.
 
     Of a large patch the picture is reduced first and alpha enlarged. A path's cost, summed differences of neighbours,
-    hardly changes with that, except for noise that averages out; the transition is hundreds of pixels wide.
+    hardly changes with that, except for noise that averages out; the transition is hundreds of pixels wide. A given tau
+    counts the gradients of the photo's own pixels, noise included, so then nothing is reduced.
     """
     height, width = rgb.shape[:2]
     reduced = rgb
-    if height * width > _MASK_PIXELS:
+    if tau is None and height * width > _MASK_PIXELS:
         ratio = (_MASK_PIXELS / (height * width)) ** 0.5
         reduced = cv2.resize(rgb, (round(width * ratio), round(height * ratio)), interpolation=cv2.INTER_AREA)
     alpha = blend_mask(linear_to_srgb(np.clip(reduced, 0.0, 1.0)), tau=tau).alpha
