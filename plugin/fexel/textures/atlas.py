@@ -37,17 +37,56 @@ class Resident:
         return self.box[0] <= box[0] and self.box[1] <= box[1] and self.box[2] >= box[2] and self.box[3] >= box[3]
 
 
-class PageAtlas:
-    """Texture and packing of one page class."""
+class _Shelves:
+    """Rectangles side by side on shelves, shelves one below the other."""
 
-    def __init__(self, gl: moderngl.Context, page_class: int) -> None:
+    def __init__(self, width: int, largest: int) -> None:
+        self.width = width
+        self.bottom = 0
+        self._largest = largest
+        self._rows: list[list[int]] = []  # y, height, used width
+
+    def place(self, keys: list[Hashable], needs: dict[Hashable, Box]) -> dict[Hashable, Resident] | None:
+        """Places of windows with their borders; None, and these shelves spoilt, when there is no room for all."""
+        extents = {key: (needs[key][2] - needs[key][0] + 2, needs[key][3] - needs[key][1] + 2) for key in keys}
+        placed = {}
+        for key in sorted(keys, key=lambda k: (-extents[k][1], -extents[k][0])):
+            spot = self._spot(*extents[key])
+            if spot is None:
+                return None
+            placed[key] = Resident(needs[key], spot[0] + 1, spot[1] + 1)
+        return placed
+
+    def _spot(self, width: int, height: int) -> tuple[int, int] | None:
+        for row in self._rows:
+            if height <= row[1] <= 2 * height and row[2] + width <= self.width:
+                row[2] += width
+                return row[2] - width, row[0]
+        if width > self.width or self.bottom + height > self._largest:
+            return None
+        self._rows.append([self.bottom, height, width])
+        self.bottom += height
+        return 0, self._rows[-1][0]
+
+
+class PageAtlas:
+    """Texture and packing of one page class.
+
+    Parameters
+    ----------
+    gl : moderngl.Context
+    page_class : int
+    largest : int, optional
+        Most texels along an axis of the page; default what GL allows.
+    """
+
+    def __init__(self, gl: moderngl.Context, page_class: int, largest: int | None = None) -> None:
         self._gl = gl
         self.page_class = page_class
+        self.largest = largest or int(gl.info["GL_MAX_TEXTURE_SIZE"])
         self.texture: moderngl.Texture | None = None
         self.residents: dict[Hashable, Resident] = {}
-        self._largest = int(gl.info["GL_MAX_TEXTURE_SIZE"])
-        self._shelves: list[list[int]] = []  # y, height, used width
-        self._bottom = 0
+        self._shelves = _Shelves(0, self.largest)
 
     @property
     def size(self) -> tuple[int, int]:
@@ -59,56 +98,45 @@ class PageAtlas:
         """Texture memory."""
         return self.size[0] * self.size[1] * BYTES_PER_TEXEL[self.page_class] if self.texture else 0
 
+    def fits(self, needs: dict[Hashable, Box]) -> bool:
+        """Whether all windows have room in one page."""
+        return not self._missing(needs) or self._packed(needs) is not None
+
+    def _missing(self, needs: dict[Hashable, Box]) -> list[Hashable]:
+        return [key for key, box in needs.items() if key not in self.residents or not self.residents[key].holds(box)]
+
     def begin(self, needs: dict[Hashable, Box]) -> list[Hashable]:
-        """Make room for windows; which of them must be written with `write`.
+        """Make room for windows that fit; which of them must be written with `write`.
 
         What is resident and large enough stays where it is. When the page is full it is packed afresh.
         """
-        missing = [key for key, box in needs.items() if key not in self.residents or not self.residents[key].holds(box)]
-        if self._place(missing, needs):
+        missing = self._missing(needs)
+        placed = self._shelves.place(missing, needs) if self.texture or not missing else None
+        if placed is not None and self._shelves.bottom <= self.size[1]:
+            self.residents.update(placed)
             return missing
-        self.residents.clear()
-        self._shelves.clear()
-        self._bottom = 0
-        missing = list(needs)
-        self._place(missing, needs, fresh=True)
-        return missing
+        packed = self._packed(needs)
+        assert packed is not None, "the caller has asked `fits`"
+        self._shelves, self.residents = packed
+        size = self._shelves.width, self._height()
+        if size != self.size:
+            self._allocate(*size)
+        return list(needs)
 
-    def _place(self, keys: list[Hashable], needs: dict[Hashable, Box], fresh: bool = False) -> bool:
-        """Assign places; False when the present texture has no room for all and is not `fresh`."""
-        extents = {key: (needs[key][2] - needs[key][0] + 2, needs[key][3] - needs[key][1] + 2) for key in keys}
-        if fresh:
-            area = sum(w * h for w, h in extents.values())
-            widest = max((w for w, _ in extents.values()), default=1)
-            self._width = min(self._largest, _round_up(max(widest, int(np.sqrt(area * 1.1))), 64))
-        elif self.texture is None and keys:
-            return False
-        placed: dict[Hashable, Resident] = {}
-        for key in sorted(keys, key=lambda k: (-extents[k][1], -extents[k][0])):
-            spot = self._shelf_spot(*extents[key])
-            if spot is None:
-                return False
-            placed[key] = Resident(needs[key], spot[0] + 1, spot[1] + 1)
-        if fresh and (self._width, self._height()) != self.size:
-            self._allocate(self._width, self._height())
-        elif self._bottom > self.size[1]:
-            return False
-        self.residents.update(placed)
-        return True
+    def _packed(self, needs: dict[Hashable, Box]) -> tuple[_Shelves, dict[Hashable, Resident]] | None:
+        area = sum((x1 - x0 + 2) * (y1 - y0 + 2) for x0, y0, x1, y1 in needs.values())
+        widest = max((x1 - x0 + 2 for x0, _, x1, _ in needs.values()), default=1)
+        square = min(self.largest, _round_up(max(widest, int(np.sqrt(area * 1.1))), 64))
+        for width in (square, self.largest):
+            shelves = _Shelves(width, self.largest)
+            placed = shelves.place(list(needs), needs)
+            if placed is not None:
+                return shelves, placed
+        return None
 
     def _height(self) -> int:
-        return min(self._largest, _round_up(max(self._bottom, 1), 64 if self._bottom < _GROW else _GROW))
-
-    def _shelf_spot(self, width: int, height: int) -> tuple[int, int] | None:
-        for shelf in self._shelves:
-            if height <= shelf[1] and shelf[1] <= 2 * height and shelf[2] + width <= self._width:
-                shelf[2] += width
-                return shelf[2] - width, shelf[0]
-        if width > self._width or self._bottom + height > self._largest:
-            return None
-        self._shelves.append([self._bottom, height, width])
-        self._bottom += height
-        return 0, self._shelves[-1][0]
+        bottom = self._shelves.bottom
+        return min(self.largest, _round_up(max(bottom, 1), 64 if bottom < _GROW else _GROW))
 
     def _allocate(self, width: int, height: int) -> None:
         if self.texture:
@@ -131,7 +159,7 @@ class PageAtlas:
         if self.texture:
             self.texture.release()
             self.texture = None
-        self.residents.clear()
+        self.residents = {}
 
 
 def _round_up(value: int, step: int) -> int:

@@ -174,9 +174,15 @@ class Windows:
 
 
 def drop_levels(
-    windows: Windows, sizes: NDArray[np.int64], bytes_per_texel: NDArray[np.int64], budget: int
+    windows: Windows,
+    sizes: NDArray[np.int64],
+    bytes_per_texel: NDArray[np.int64],
+    budget: float,
+    largest: int = 2**31 - 1,
 ) -> tuple[NDArray[np.int64], int]:
     """Replace the finest levels of the costliest images by coarser ones, in place, until the rest fits.
+
+    First every window wider or higher than a texture can be makes way for the next coarser one, whatever the budget.
 
     Parameters
     ----------
@@ -185,8 +191,10 @@ def drop_levels(
     sizes : (S, 2) int
         Level 0.
     bytes_per_texel : (S,) int
-    budget : int
+    budget : float
         Bytes. Where even single texels exceed it, those stay.
+    largest : int
+        Most texels along an axis of a stored window, its border included.
 
     Returns
     -------
@@ -195,10 +203,11 @@ def drop_levels(
     dropped : int
         How many levels were left out.
     """
+    last = np.array([min(int(max(size)).bit_length(), MAX_LEVELS) - 1 for size in sizes], np.int64)
+    finest = np.zeros(len(last), np.int64)
+    dropped = _drop_too_long(windows, sizes, last, finest, largest)
     cost = windows.texels() * bytes_per_texel[:, None]
-    last = np.array([int(max(size)).bit_length() - 1 for size in sizes], np.int64)
-    finest = np.zeros(len(cost), np.int64)
-    total, dropped = int(cost.sum()), 0
+    total = int(cost.sum())
     heap = [(-int(cost[image].max()), image) for image in range(len(cost)) if cost[image].any()]
     heapq.heapify(heap)
     while total > budget and heap:
@@ -214,6 +223,19 @@ def drop_levels(
         dropped += 1
         heapq.heappush(heap, (-int(cost[image].max()), image))
     return finest, dropped
+
+
+def _drop_too_long(
+    windows: Windows, sizes: NDArray[np.int64], last: NDArray[np.int64], finest: NDArray[np.int64], largest: int
+) -> int:
+    dropped = 0
+    for level in range(MAX_LEVELS - 1):
+        extent = (windows.box[:, level, 2:] - windows.box[:, level, :2]).max(axis=1) + 2
+        for image in np.flatnonzero((extent > largest) & (level < last)):
+            _halve_window(windows.box[image], level, sizes[image])
+            finest[image] = level + 1
+            dropped += 1
+    return dropped
 
 
 def _halve_window(boxes: NDArray[np.int64], level: int, size: NDArray[np.int64]) -> None:

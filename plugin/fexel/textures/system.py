@@ -158,9 +158,18 @@ class TextureSystem:
         windows, levels, sizes = self._windows(seen)
         page_class = np.array([self._facts(source).page_class for source in self._images], np.int64)
         texel_bytes = np.array(BYTES_PER_TEXEL)[page_class]
-        finest, dropped = drop_levels(windows, sizes, texel_bytes, self._budget)
+        largest = min(atlas.largest for atlas in self.atlases)
+        finest, dropped = drop_levels(windows, sizes, texel_bytes, self._budget, largest)
+        needs = self._needs(windows, page_class)
+        while not all(atlas.fits(need) for atlas, need in zip(self.atlases, needs, strict=True)):
+            smaller = 0.8 * int((windows.texels() * texel_bytes[:, None]).sum())
+            further, more = drop_levels(windows, sizes, texel_bytes, smaller)
+            if not more:
+                break
+            finest, dropped = np.maximum(finest, further), dropped + more
+            needs = self._needs(windows, page_class)
         self._note_dropped(dropped)
-        self._load(windows, page_class)
+        self._load(needs)
         places = self._places(sizes, page_class)
         self._write(requests, seen, levels, finest, places, page_class)
 
@@ -247,20 +256,27 @@ class TextureSystem:
         if dropped and not self._warned:
             self._warned = True
             warnings.warn(
-                f"texture memory of {self._budget / 2**20:g} MiB is too small for this view: {dropped} mip levels were "
-                "left out and coarser ones are shown; raise --textureMemory",
+                f"texture memory of {self._budget / 2**20:g} MiB, or a texture of at most {self.atlases[0].largest} "
+                f"texels across, is too small for this view: {dropped} mip levels were left out and coarser ones are "
+                "shown; raise --textureMemory",
                 FexelWarning,
                 stacklevel=3,
             )
 
-    def _load(self, windows: Windows, page_class: NDArray[np.int64]) -> None:
+    def _needs(self, windows: Windows, page_class: NDArray[np.int64]) -> list[dict]:
+        """Windows by (source, level), a dict per page class."""
         sources = list(self._images)
         needed = (windows.box[..., 2:] > windows.box[..., :2]).all(axis=-1)
-        for atlas in self.atlases:
-            needs = {
+        return [
+            {
                 (sources[image], int(level)): tuple(int(v) for v in windows.box[image, level])
                 for image, level in np.argwhere(needed & (page_class == atlas.page_class)[:, None])
             }
+            for atlas in self.atlases
+        ]
+
+    def _load(self, all_needs: list[dict]) -> None:
+        for atlas, needs in zip(self.atlases, all_needs, strict=True):
             for key in atlas.begin(needs) if needs else ():
                 name = self._names[self._images[key[0]]]
                 atlas.write(key, self._cache.window(key[0], name, key[1], needs[key]))

@@ -16,7 +16,6 @@ import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +30,7 @@ PRIM_TYPES = ("ZipmapTexture", "UsdUVTexture")
 
 _SRGB_NAMES = {"srgb", "srgb_texture", "srgb_rec709_scene", "srgb_rec709_display", "srgb - texture"}
 _SCALE_ONE, _BIAS_ZERO = (1.0, 1.0, 1.0, 1.0), (0.0, 0.0, 0.0, 0.0)
+_IDENTITY = (_SCALE_ONE, _BIAS_ZERO)
 _NO_FALLBACK = (0.0, 0.0, 0.0, 0.0)
 _WRAP_MODES = ("black", "clamp", "repeat", "mirror", "useMetadata")
 
@@ -144,7 +144,9 @@ def extract(prim: Usd.Prim, time: Usd.TimeCode) -> ZipmapData:
     numbers: dict[ImageSource, int] = {}
     index = []
     for layer in layers:
-        source = replace(layer.source, scale=_SCALE_ONE, bias=_BIAS_ZERO) if shared else layer.source
+        source = layer.source
+        if shared and shared != _IDENTITY:
+            source = replace(source, scale=_SCALE_ONE, bias=_BIAS_ZERO)
         index.append(numbers.setdefault(source, len(numbers)))
     return ZipmapData(
         paths=tuple(str(layer.prim.GetPath()) for layer in layers),
@@ -216,26 +218,21 @@ class _TextureTypes:
 
 
 class _Inputs:
-    """Reads the authored inputs of one texture prim; what is not authored costs nothing."""
+    """The authored inputs of one texture prim, each read once; what is not authored costs nothing."""
 
     def __init__(self, prim: Usd.Prim, time: Usd.TimeCode) -> None:
         self.prim = prim
-        self._time = time
-        self._authored = {name for name in prim.GetAuthoredPropertyNames() if name.startswith("inputs:")}
+        self._attributes = {
+            name[7:]: _producer(prim.GetAttribute(name))
+            for name in prim.GetAuthoredPropertyNames()
+            if name.startswith("inputs:")
+        }
+        self._values = {name: attribute.Get(time) for name, attribute in self._attributes.items() if attribute}
+        self.value = self._values.get
 
     def attribute(self, name: str) -> Usd.Attribute | None:
         """The authored attribute that produces the value of ``inputs:name``."""
-        if f"inputs:{name}" not in self._authored:
-            return None
-        attribute = self.prim.GetAttribute(f"inputs:{name}")
-        if attribute and attribute.HasAuthoredConnections():
-            sources = UsdShade.Utils.GetValueProducingAttributes(UsdShade.Input(attribute))
-            attribute = sources[0] if sources else attribute
-        return attribute
-
-    def value(self, name: str) -> Any:
-        attribute = self.attribute(name)
-        return None if attribute is None else attribute.Get(self._time)
+        return self._attributes.get(name)
 
     def asset(self, name: str) -> str:
         value = self.value(name)
@@ -270,6 +267,14 @@ class _Inputs:
             self.prim, f"inputs:{name}", f"is {str(value)!r}, expected one of {', '.join(allowed)}; {default} is used"
         )
         return default
+
+
+def _producer(attribute: Usd.Attribute) -> Usd.Attribute:
+    """Where the value of an attribute comes from, over connections."""
+    if attribute and attribute.HasAuthoredConnections():
+        sources = UsdShade.Utils.GetValueProducingAttributes(UsdShade.Input(attribute))
+        return sources[0] if sources else attribute
+    return attribute
 
 
 def _source(inputs: _Inputs, is_root: bool) -> ImageSource:
