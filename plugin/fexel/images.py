@@ -13,7 +13,7 @@ Rows run down from the top, as in the file.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import chain, islice
 
@@ -31,6 +31,7 @@ __all__ = [
     "read_linear",
     "read_mask",
     "read_pixels",
+    "read_strips",
     "srgb_to_linear",
     "to_linear",
     "write_pyramid",
@@ -63,6 +64,8 @@ class ImageInfo:
         Width and height of each mip level stored in the file; at least level 0.
     tiled : bool
         Windows can be read without reading whole rows.
+    wrap : (str, str)
+        UsdUVTexture's tokens for the file's ``wrapmodes`` along s and t (TIFF, EXR); ``black`` where it has none.
     """
 
     path: str
@@ -75,6 +78,7 @@ class ImageInfo:
     color_space: str
     level_sizes: tuple[tuple[int, int], ...]
     tiled: bool
+    wrap: tuple[str, str] = ("black", "black")
 
 
 def _open(path: str) -> oiio.ImageInput:
@@ -125,6 +129,7 @@ def image_info(path: str) -> ImageInfo:
             color_space=_auto_color_space(spec, dtype),
             level_sizes=_regular_levels(sizes),
             tiled=spec.tile_width > 0,
+            wrap=_wrap_modes(spec.get_string_attribute("wrapmodes")),
         )
     finally:
         handle.close()
@@ -143,6 +148,13 @@ def _auto_color_space(spec: oiio.ImageSpec, dtype: str) -> str:
         linear = declared in ("linear", "raw", "data") or declared.startswith(("lin_", "lin ", "scene_linear"))
         return "sRGB" if spec.nchannels >= 3 and not linear else "raw"
     return "raw"
+
+
+def _wrap_modes(text: str) -> tuple[str, str]:
+    """OpenImageIO's ``wrapmodes``: one word, or two for s and t."""
+    known = {"periodic": "repeat", "periodic_pow2": "repeat", "clamp": "clamp", "mirror": "mirror"}
+    modes = [known.get(word.strip().lower(), "black") for word in text.split(",")]
+    return modes[0], modes[-1]
 
 
 def _regular_levels(sizes: list[tuple[int, int]]) -> tuple[tuple[int, int], ...]:
@@ -173,20 +185,38 @@ def read_pixels(info: ImageInfo, level: int = 0, window: tuple[int, int, int, in
         Truncated or damaged data.
     """
     width, height = info.level_sizes[level]
-    x0, y0, x1, y1 = window or (0, 0, width, height)
     handle = _open(info.path)
     try:
-        handle.seek_subimage(0, level)
-        if info.tiled:
-            pixels = _read_tiles(handle, level, (x0, y0, x1, y1), info.dtype)
-        else:
-            pixels = handle.read_scanlines(0, level, y0, y1, 0, 0, info.channels, _oiio_type(info.dtype))
-            pixels = None if pixels is None else pixels.reshape(y1 - y0, width, info.channels)[:, x0:x1]
-        if pixels is None or handle.has_error:
-            raise FexelError(f"{info.path}: {_reason(handle.geterror())}")
-        return pixels
+        return _read_window(handle, info, level, window or (0, 0, width, height))
     finally:
         handle.close()
+
+
+def read_strips(info: ImageInfo, rows: int) -> Iterator[NDArray]:
+    """Level 0 from top to bottom, about `rows` rows at a time, as `read_pixels` returns them. Raises as that does."""
+    handle = _open(info.path)
+    try:
+        if info.tiled:
+            tile = handle.spec().tile_height
+            rows = -(-rows // tile) * tile
+        for y0 in range(0, info.height, rows):
+            yield _read_window(handle, info, 0, (0, y0, info.width, min(y0 + rows, info.height)))
+    finally:
+        handle.close()
+
+
+def _read_window(handle: oiio.ImageInput, info: ImageInfo, level: int, window: tuple[int, int, int, int]) -> NDArray:
+    x0, y0, x1, y1 = window
+    width = info.level_sizes[level][0]
+    handle.seek_subimage(0, level)
+    if info.tiled:
+        pixels = _read_tiles(handle, level, window, info.dtype)
+    else:
+        pixels = handle.read_scanlines(0, level, y0, y1, 0, 0, info.channels, _oiio_type(info.dtype))
+        pixels = None if pixels is None else pixels.reshape(y1 - y0, width, info.channels)[:, x0:x1]
+    if pixels is None or handle.has_error:
+        raise FexelError(f"{info.path}: {_reason(handle.geterror())}")
+    return pixels
 
 
 def _oiio_type(dtype: str) -> str:

@@ -14,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["clear_rim", "halve", "level_count", "level_size", "pyramid"]
+__all__ = ["RowHalver", "clear_rim", "halve", "level_count", "level_size", "pyramid"]
 
 
 def level_size(size: int, level: int) -> int:
@@ -47,8 +47,37 @@ def halve(image: NDArray[np.floating]) -> NDArray[np.float32]:
     return _halve_axis(_halve_axis(np.asarray(image, np.float32), 0), 1)
 
 
-def _halve_axis(image: NDArray[np.float32], axis: int) -> NDArray[np.float32]:
-    size = image.shape[axis]
+class RowHalver:
+    """`halve` of an image that comes in strips of rows, to the bit; holds no more than two rows besides.
+
+    Parameters
+    ----------
+    height : int
+        Rows of the whole image.
+    """
+
+    def __init__(self, height: int) -> None:
+        self._height = height
+        self._pending: NDArray[np.float32] | None = None
+        self._done = 0
+
+    def feed(self, rows: NDArray[np.float32]) -> NDArray[np.float32]:
+        """The rows of the coarser level that these complete: (n, max(1, W // 2), C), n >= 0."""
+        if self._pending is not None:
+            rows = np.concatenate([self._pending, rows])
+        if self._height == 1:
+            return _halve_axis(rows, 1)
+        overlap = self._height % 2  # of an odd height, every row of the coarser level reaches into a third
+        count = max((len(rows) - overlap) // 2, 0)
+        self._pending = rows[2 * count :].copy()
+        coarse = _halve_axis(rows[: 2 * count + overlap], 0, self._height, self._done)
+        self._done += count
+        return _halve_axis(coarse, 1)
+
+
+def _halve_axis(image: NDArray[np.float32], axis: int, size: int | None = None, start: int = 0) -> NDArray[np.float32]:
+    """Halve along an axis; given `size`, the texels are a part of so many and make those from `start` on."""
+    size = size or image.shape[axis]
     if size == 1:
         return image
     image = np.moveaxis(image, axis, 0)
@@ -57,7 +86,8 @@ def _halve_axis(image: NDArray[np.float32], axis: int) -> NDArray[np.float32]:
         coarse = (image[0::2] + image[1::2]) * np.float32(0.5)
     else:
         # Texel i covers [i, i + 1] * size / half: the end of one texel, a whole one, and the start of the next.
-        i = np.arange(half, dtype=np.float32).reshape(-1, *[1] * (image.ndim - 1))
+        count = max(len(image) - 1, 0) // 2
+        i = np.arange(start, start + count, dtype=np.float32).reshape(-1, *[1] * (image.ndim - 1))
         first, last = (half - i) / size, (i + 1) / size
         coarse = first * image[0:-1:2] + image[1::2] * np.float32(half / size) + last * image[2::2]
     return np.moveaxis(coarse, 0, axis)

@@ -1,15 +1,17 @@
 """Texels of any window of any mip level of an image source, in the format of its page.
 
-Tiled files with mip levels are read in part. Of any other file the pyramid is made once (`fexel.mipmaps`) and kept
-while it is used, up to a limit. Stored texels are linear and premultiplied: page class SRGB keeps them sRGB-encoded in
-8 bits, HALF as 16-bit floats. 8-bit data that is not colour (normals, roughness) is HALF as well: software rasterisers
-filter plain 8-bit textures with 8-bit weights and results, which is off by more than one step after a blend.
+Tiled files with mip levels are read in part. Of any other file the pyramid is made in strips of rows (`fexel.mipmaps`)
+and kept while it is used, up to a limit; level 0 only once it is asked for. Stored texels are linear and premultiplied:
+page class SRGB keeps them sRGB-encoded in 8 bits, HALF as 16-bit floats. 8-bit data that is not colour (normals,
+roughness) is HALF as well: software rasterisers filter plain 8-bit textures with 8-bit weights and results, which is
+off by more than one step after a blend.
 """
 
 from __future__ import annotations
 
 import warnings
 from collections import OrderedDict
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,6 +26,7 @@ __all__ = ["BYTES_PER_TEXEL", "HALF", "SRGB", "ImageFacts", "PyramidCache"]
 SRGB, HALF = range(2)
 BYTES_PER_TEXEL = (4, 8)
 _KEEP_BYTES = 512 * 2**20
+_STRIP_TEXELS = 2**18
 _IDENTITY = ((1.0, 1.0, 1.0, 1.0), (0.0, 0.0, 0.0, 0.0))
 # sRGB encoding to 8 bits by table: 2^16 steps of linear light are finer than half an 8-bit step even at black.
 _ENCODE = (images.linear_to_srgb(np.arange(65536) / np.float32(65535)) * 255 + 0.5).astype(np.uint8)
@@ -55,7 +58,8 @@ class PyramidCache:
 
     def __init__(self) -> None:
         self._facts: dict[ImageSource, ImageFacts] = {}
-        self._pyramids: OrderedDict[ImageSource, list[NDArray]] = OrderedDict()
+        self._pyramids: OrderedDict[ImageSource, list[NDArray | None]] = OrderedDict()
+        self._damaged: set[ImageSource] = set()
         self._warned: set[str] = set()
 
     def facts(self, source: ImageSource, path: str) -> ImageFacts:
@@ -70,9 +74,11 @@ class PyramidCache:
         except FexelError as error:
             self._warn(path, str(error))
             info = None
-        wrap = tuple("black" if mode == "useMetadata" else mode for mode in source.wrap)
         if info is None:
             return self._fallback_facts(source)
+        wrap = tuple(
+            of_file if mode == "useMetadata" else mode for mode, of_file in zip(source.wrap, info.wrap, strict=True)
+        )
         space = info.color_space if source.color_space == "auto" else source.color_space
         eight_bit = info.dtype == "uint8" and (source.scale, source.bias) == _IDENTITY
         page_class = SRGB if eight_bit and space == "sRGB" else HALF
@@ -121,54 +127,89 @@ class PyramidCache:
     ) -> NDArray:
         info = facts.info
         partial = info is not None and info.tiled and level < len(info.level_sizes) and not source.mask
-        if partial and source not in self._pyramids:
+        if partial and source not in self._damaged:
             try:
                 pixels = images.read_pixels(info, level, box)
                 return _encode(_scaled(images.to_linear(pixels, info, source.color_space), source), facts.page_class)
             except FexelError as error:
+                self._damaged.add(source)
                 self._warn(path, str(error))
         x0, y0, x1, y1 = box
-        return self._pyramid(source, facts, path)[level][y0:y1, x0:x1]
+        texels = self._pyramid(source, facts, path, level)[level]
+        assert texels is not None
+        return texels[y0:y1, x0:x1]
 
-    def _pyramid(self, source: ImageSource, facts: ImageFacts, path: str) -> list[NDArray]:
-        if source not in self._pyramids:
-            levels = mipmaps.pyramid(_scaled(self._level_zero(source, facts, path), source))
-            self._pyramids[source] = [_encode(level, facts.page_class) for level in levels]
+    def _pyramid(self, source: ImageSource, facts: ImageFacts, path: str, level: int) -> list[NDArray | None]:
+        if source not in self._pyramids or self._pyramids[source][level] is None:
+            self._pyramids[source] = self._made(source, facts, path, 0 if level == 0 else 1)
         self._pyramids.move_to_end(source)
-        held = sum(level.nbytes for levels in self._pyramids.values() for level in levels)
+        held = sum(map(_nbytes, self._pyramids.values()))
         while held > _KEEP_BYTES and len(self._pyramids) > 1:
-            _, levels = self._pyramids.popitem(last=False)
-            held -= sum(level.nbytes for level in levels)
+            held -= _nbytes(self._pyramids.popitem(last=False)[1])
         return self._pyramids[source]
 
-    def _level_zero(self, source: ImageSource, facts: ImageFacts, path: str) -> NDArray[np.float32]:
+    def _made(self, source: ImageSource, facts: ImageFacts, path: str, first: int) -> list[NDArray | None]:
         if facts.info is not None:
             try:
-                texels = images.to_linear(images.read_pixels(facts.info), facts.info, source.color_space)
-                return self._masked(texels, source, path)
+                return _encoded_levels(self._strips(source, facts.info, path), facts, first)
             except FexelError as error:
                 self._warn(path, str(error))
         r, g, b, a = source.fallback
         width, height = facts.size
-        return np.broadcast_to(np.array([r * a, g * a, b * a, a], np.float32), (height, width, 4)).copy()
+        row = np.broadcast_to(np.array([r * a, g * a, b * a, a], np.float32), (1, width, 4))
+        return _encoded_levels((_scaled(row, source) for _ in range(height)), facts, first)
 
-    def _masked(self, texels: NDArray[np.float32], source: ImageSource, path: str) -> NDArray[np.float32]:
-        """The mask, at any resolution, in place of alpha."""
-        if not source.mask:
-            return texels
+    def _strips(self, source: ImageSource, info: images.ImageInfo, path: str) -> Iterator[NDArray[np.float32]]:
+        """Level 0 as it is shown, linear and premultiplied, from top to bottom."""
+        mask = self._mask(source, (info.width, info.height), path)
+        y = 0
+        for pixels in images.read_strips(info, max(2, _STRIP_TEXELS // info.width)):
+            texels = images.to_linear(pixels, info, source.color_space)
+            if mask is not None:
+                texels = _with_alpha(texels, mask[y : y + len(texels)])
+            y += len(texels)
+            yield _scaled(texels, source)
+
+    def _mask(self, source: ImageSource, size: tuple[int, int], path: str) -> NDArray[np.float32] | None:
+        """The mask, of any resolution, that replaces alpha."""
         try:
-            mask = images.read_mask(source.mask, (texels.shape[1], texels.shape[0]))
+            return images.read_mask(source.mask, size) if source.mask else None
         except FexelError as error:
             self._warn(path, str(error))
-            return texels
-        alpha = np.maximum(texels[..., 3:], 1e-6)  # transparent texels have lost their colour
-        texels[..., :3] *= mask[..., None] / alpha
-        texels[..., 3] = mask
-        return texels
+            return None
 
     def forget_pyramids(self) -> None:
         """Free decoded images."""
         self._pyramids.clear()
+
+
+def _encoded_levels(strips: Iterable[NDArray[np.float32]], facts: ImageFacts, first: int) -> list[NDArray | None]:
+    """All levels as pages store them; None for those finer than `first`. Floats live for one strip only."""
+    width, height = facts.size
+    sizes = [(height, width)]
+    for level in range(1, mipmaps.level_count(width, height)):
+        sizes.append((mipmaps.level_size(height, level), mipmaps.level_size(width, level)))
+    dtype = np.float16 if facts.page_class == HALF else np.uint8
+    levels = [None if level < first < len(sizes) else np.empty((*size, 4), dtype) for level, size in enumerate(sizes)]
+    halvers = [mipmaps.RowHalver(size[0]) for size in sizes]
+    filled = [0] * len(sizes)
+    for rows in strips:
+        for level, texels in enumerate(levels):
+            if texels is not None:
+                texels[filled[level] : filled[level] + len(rows)] = _encode(rows, facts.page_class)
+            filled[level] += len(rows)
+            rows = halvers[level].feed(rows)
+    return levels
+
+
+def _nbytes(levels: list[NDArray | None]) -> int:
+    return sum(0 if level is None else level.nbytes for level in levels)
+
+
+def _with_alpha(texels: NDArray[np.float32], alpha: NDArray[np.float32]) -> NDArray[np.float32]:
+    texels[..., :3] *= alpha[..., None] / np.maximum(texels[..., 3:], 1e-6)  # transparent texels have lost their colour
+    texels[..., 3] = alpha
+    return texels
 
 
 def _scaled(texels: NDArray[np.float32], source: ImageSource) -> NDArray[np.float32]:
