@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 import pytest
 from pxr import Usd, UsdGeom
@@ -16,7 +18,9 @@ oiio = pytest.importorskip("OpenImageIO")
 def finished(tmp_path_factory, _gl_session):
     """One run on the bundled photos: two small frames, the first and the last of the zoom."""
     output = tmp_path_factory.mktemp("demo") / "out"
-    return demo.make_demo(demo.bundled_photos(), output, frames=2, width=160)
+    with warnings.catch_warnings():  # the direct match across 10x is moved content and is left out, with a warning
+        warnings.simplefilter("ignore", fexel.FexelWarning)
+        return demo.make_demo(demo.bundled_photos(), output, frames=2, width=160)
 
 
 def pixels(path):
