@@ -75,9 +75,9 @@ class RowHalver:
         return _halve_axis(coarse, 1)
 
 
-def _halve_axis(image: NDArray[np.float32], axis: int, size: int | None = None, start: int = 0) -> NDArray[np.float32]:
-    """Halve along an axis; given `size`, the texels are a part of so many and make those from `start` on."""
-    size = size or image.shape[axis]
+def _halve_axis(image: NDArray[np.float32], axis: int, whole: int | None = None, start: int = 0) -> NDArray[np.float32]:
+    """Halve along an axis; given `whole`, the texels are a part of so many and make those from `start` on."""
+    size: int = whole or image.shape[axis]
     if size == 1:
         return image
     image = np.moveaxis(image, axis, 0)

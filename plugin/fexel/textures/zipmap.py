@@ -16,6 +16,7 @@ import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -228,7 +229,9 @@ class _Inputs:
             if name.startswith("inputs:")
         }
         self._values = {name: attribute.Get(time) for name, attribute in self._attributes.items() if attribute}
-        self.value = self._values.get
+
+    def value(self, name: str) -> Any:
+        return self._values.get(name)
 
     def attribute(self, name: str) -> Usd.Attribute | None:
         """The authored attribute that produces the value of ``inputs:name``."""
@@ -238,7 +241,7 @@ class _Inputs:
         value = self.value(name)
         if not isinstance(value, Sdf.AssetPath):
             return ""
-        return value.resolvedPath or value.path
+        return value.resolvedPath or _anchored(value.path, self._attributes[name])
 
     def matrix(self) -> NDArray[np.float64]:
         value = self.value("matrix")
@@ -267,6 +270,12 @@ class _Inputs:
             self.prim, f"inputs:{name}", f"is {str(value)!r}, expected one of {', '.join(allowed)}; {default} is used"
         )
         return default
+
+
+def _anchored(path: str, attribute: Usd.Attribute) -> str:
+    """A path that USD cannot resolve, as it reads from its layer: the current directory must not step in."""
+    stack = attribute.GetPropertyStack(Usd.TimeCode.Default()) if path else []
+    return Sdf.ComputeAssetPathRelativeToLayer(stack[0].layer, path) if stack else path
 
 
 def _producer(attribute: Usd.Attribute) -> Usd.Attribute:
