@@ -47,7 +47,7 @@ def pixels_per_unit(corners_clip: np.ndarray, draw: Draw, world_to_clip: np.ndar
 
 def shared_surface(
     draws: Sequence[Draw], scales: Sequence[tuple[float, float]], primvars: Sequence[str]
-) -> VisibleSurface:
+) -> VisibleSurface | None:
     """The surface of all `draws`, which show the same triangles of the same mesh.
 
     Parameters
@@ -56,12 +56,19 @@ def shared_surface(
     scales : sequence of tuple
         `pixels_per_unit` of each.
     primvars : sequence of str
+
+    Returns
+    -------
+    VisibleSurface or None
+        None when every triangle of the mesh is degenerate.
     """
     finest = max(largest for _, largest in scales)
     # A draw of no extent shows nothing; 1e-12 of the finest keeps the range of levels finite.
     coarsest = max(min(smallest for smallest, _ in scales), 1e-12 * finest, 1e-300)
     names = [name for name in dict.fromkeys(primvars) if name in draws[0].mesh.st]
     pieces = {name: _scaled(_pieces_of(draws[0], name), finest, coarsest) for name in names}
+    if names and not any(len(seen.st_min) for seen in pieces.values()):
+        return None
     return VisibleSurface(pieces, {name: StFrame() for name in names})
 
 

@@ -198,13 +198,15 @@ def _shared_requests(bounds: Sequence[_Bounded], viewpoint: Viewpoint) -> dict[t
     for bounded in bounds:
         if bounded.is_small and bounded.surface.textures:
             groups.setdefault(_occurrence_key(bounded), []).append(bounded)
-    return {key: _seen_together(group, viewpoint) for key, group in groups.items() if len(group) > 1}
+    together = {key: _seen_together(group, viewpoint) for key, group in groups.items() if len(group) > 1}
+    return {key: seen for key, seen in together.items() if seen is not None}
 
 
-def _seen_together(group: Sequence[_Bounded], viewpoint: Viewpoint) -> _Seen:
+def _seen_together(group: Sequence[_Bounded], viewpoint: Viewpoint) -> _Seen | None:
     scales = [pixels_per_unit(one.clip, one.draw, viewpoint.world_to_clip, viewpoint.size_px) for one in group]
     surface = group[0].surface
-    return _Seen.of(surface, shared_surface([one.draw for one in group], scales, surface.st_primvars))
+    visible = shared_surface([one.draw for one in group], scales, surface.st_primvars)
+    return None if visible is None else _Seen.of(surface, visible)
 
 
 def _item(bounded: _Bounded, viewpoint: Viewpoint, shared: _Seen | None) -> Item | None:

@@ -145,7 +145,7 @@ def visible_surface(draw: Draw, view: View, primvars: Iterable[str] = ()) -> Vis
     Returns
     -------
     VisibleSurface or None
-        None when nothing of the draw is in view.
+        None when nothing of the draw is in view, or it covers no sample: seen exactly edge-on, or tiny and far off.
     """
     triangles = _visible_triangles(draw, view)
     if triangles is None:
@@ -153,6 +153,8 @@ def visible_surface(draw: Draw, view: View, primvars: Iterable[str] = ()) -> Vis
     names = [name for name in dict.fromkeys(primvars) if name in draw.mesh.st]
     corners = {name: triangles.interpolate(draw.mesh.st[name]) for name in names}
     pieces = {name: _pieces(triangles.clip, st, view) for name, st in corners.items()}
+    if names and not any(len(seen.st_min) for seen in pieces.values()):
+        return None
     deep = len(triangles.clip) <= _MAX_REBASED_TRIANGLES and any(
         _float32_error_px(pieces[name], draw.mesh.st[name]) > MAX_ERROR_PX for name in names
     )
