@@ -1,75 +1,29 @@
 // Zipmap lookup (Eisemann and Magnor 2010, eq. 1): C = sum_i w_i C_i, w_i = alpha_i prod_{j>i} (1 - alpha_j), front to back.
 // Requires common_footprint.glsl. Provides zipmap_sample.
 //
-// Defines: ZIPMAP_SLOTS textures of the material; ZIPMAP_LEVELS 1 where every image is seen at one mip level only, else 2;
-// ZIPMAP_PROBES 1 for anisotropic filtering; ZIPMAP_OUTSIDE 1 where the root is seen outside of [0, 1]^2;
-// ZIPMAP_SRGB, ZIPMAP_HALF which pages there are.
+// Two ways to the layers of a place: a short list is unrolled (zipmap_list.glsl), all else goes by the index
+// (zipmap_tree.glsl).
 //
-// zipmapRecords (RGBA32F, ZIPMAP_ROW texels per row) holds, written by fexel/textures/records.py:
-//   node    leaf: (first record, number of records, 0, 0); inner: (first child, -children per axis, 0, 0)
-//   record  3 texels: rows of the matrix from (s, t, 1) to texels of level 0 (x right, y down, w) with width, height and
-//           codes = finest level + 16 coarsest level + 256 page class + opacity / 2 in their last components; then
-//           (index of the layer, 0, 0, 0); then per level: scale.xy, offset.xy from texels of level 0 to page coordinates.
-// Records of a leaf follow each other front to back; the last one is the root, opaque or not.
-//
-// llvmpipe runs 8 pixels in step, a branch skips nothing, and a loop ends when all are done. Hence do-while loops, which
-// never run once too often, and a search by arithmetic alone before each fetch. Mesa 22.3 goes on computing temporaries for
-// pixels that have left a loop, from variables that already have their new values: so what is read after a loop must be
-// assigned in a way that a repetition of its last round does not change. The searches below do not advance in their last
-// round for that reason.
+// Defines: ZIPMAP_SLOTS textures of the material; ZIPMAP_CODES<slot> 0 for the index, else what zipmap_list.glsl says;
+// ZIPMAP_TREE, ZIPMAP_LAYERS whether any slot goes by the index, and the longest list; ZIPMAP_OUTSIDE 1 where the root is
+// seen outside of [0, 1]^2; ZIPMAP_SRGB, ZIPMAP_HALF which pages there are.
 #include "common_footprint.glsl"
 
-#define ZIPMAP_ROW_BITS 10
 #define ZIPMAP_PATCH 0.0
 #define ZIPMAP_CLAMP 1.0
 #define ZIPMAP_REPEAT 2.0
 #define ZIPMAP_MIRROR 3.0
 
-uniform sampler2D zipmapRecords;
 #if ZIPMAP_SRGB
 uniform sampler2D zipmapPagesSrgb;
 #endif
 #if ZIPMAP_HALF
 uniform sampler2D zipmapPagesHalf;
 #endif
-uniform vec4 zipmapGrid[ZIPMAP_SLOTS];       // st -> cell: scale.xy, offset.xy
-uniform ivec4 zipmapTree[ZIPMAP_SLOTS];      // first node, cells along s, cells along t
 uniform vec4 zipmapWrap[ZIPMAP_SLOTS];       // wrap mode of the root along s, t
 uniform vec4 zipmapScale[ZIPMAP_SLOTS];
 uniform vec4 zipmapBias[ZIPMAP_SLOTS];
 uniform vec4 zipmapHalfTexel[2];             // xy: half a texel in page coordinates, per page class
-uniform float zipmapMaxProbes;
-
-// Coverage left below which nothing further back can change an 8-bit result.
-const float ZIPMAP_OPAQUE = 1.0 / 2048.0;
-const float ZIPMAP_MAX_RECORDS = 65536.0;    // ends the loop whatever the data say
-
-vec4 zipmap_fetch(int index)
-{
-    return texelFetch(zipmapRecords, ivec2(index & ((1 << ZIPMAP_ROW_BITS) - 1), index >> ZIPMAP_ROW_BITS), 0);
-}
-
-// Leaf of the index that holds st: (first record, number of records).
-ivec2 zipmap_leaf(int slot, vec2 st)
-{
-    vec2 cells = vec2(zipmapTree[slot].yz);
-    vec2 position = clamp(st * zipmapGrid[slot].xy + zipmapGrid[slot].zw, vec2(0.0), cells - 0.001);
-    vec2 cell = floor(position);
-    vec2 inside = position - cell;
-    int index = zipmapTree[slot].x + int(cell.y) * zipmapTree[slot].y + int(cell.x);
-    vec4 node;
-    bool isInner;
-    do {
-        node = zipmap_fetch(index);
-        isInner = node.y < 0.0;
-        float children = -node.y;
-        position = inside * children;
-        cell = min(floor(position), children - 1.0);
-        inside = isInner ? position - cell : inside;
-        index = isInner ? int(node.x) + int(cell.y) * int(children) + int(cell.x) : index;
-    } while (isInner);
-    return ivec2(node.xy);
-}
 
 // A wrapped texel coordinate of the root; size in texels.
 float zipmap_wrap(float x, float size, float mode)
@@ -80,134 +34,25 @@ float zipmap_wrap(float x, float size, float mode)
     return mode == ZIPMAP_REPEAT ? repeated : mode == ZIPMAP_MIRROR ? mirrored : mode == ZIPMAP_CLAMP ? clamp(x, 0.0, size) : x;
 }
 
-// One bilinear fetch. texel: of level 0; size: of level 0; level: its record; pageClass 0 sRGB, 1 half.
-// Where a texel coordinate can lie outside of the image, it stops at the centre of the border texel, which is zero for
-// patches and where wrap is black.
-#if ZIPMAP_OUTSIDE || ZIPMAP_PROBES
-#define ZIPMAP_STOP(page, begin, end, halfTexel) clamp(page, (begin) - (halfTexel), (end) + (halfTexel))
-#else
-#define ZIPMAP_STOP(page, begin, end, halfTexel) (page)
-#endif
-vec4 zipmap_texel(vec2 texel, vec2 size, vec4 level, int pageClass)
-{
-    vec4 result = vec4(0.0);
-    vec2 page = texel * level.xy + level.zw;
-    vec2 end = size * level.xy + level.zw;
-#if ZIPMAP_SRGB
-    result = textureLod(zipmapPagesSrgb, ZIPMAP_STOP(page, level.zw, end, zipmapHalfTexel[0].xy), 0.0);
-#endif
-#if ZIPMAP_HALF
-    vec4 high = textureLod(zipmapPagesHalf, ZIPMAP_STOP(page, level.zw, end, zipmapHalfTexel[1].xy), 0.0);
-    result = ZIPMAP_SRGB == 0 || pageClass == 1 ? high : result;
-#endif
-    return result;
-}
+#include "zipmap_tree.glsl"
+#include "zipmap_list.glsl"
 
 // slot: which texture of the material; st and its derivatives per pixel as the surface gives them.
 // Returns linear, premultiplied rgba after scale and bias; lod: mip level at which the nearest layer was seen (negative
 // when magnified), patchIndex: that layer's number.
 vec4 zipmap_sample(int slot, vec2 st, vec2 dstdx, vec2 dstdy, out float lod, out float patchIndex)
 {
-    ivec2 leaf = zipmap_leaf(slot, st);
-    vec3 position = vec3(st, 1.0);
-    vec2 wrap = zipmapWrap[slot].xy;
-    vec4 color = vec4(0.0);
-    float clear = 1.0;
-    int left = leaf.y;
-    int next = leaf.x;
-    int top = leaf.x;
-    float topLod = 0.0;
-    do {
-        // Search: the next layer that covers st.
-        vec4 rowX, rowY, rowW;
-        vec3 mapped;
-        vec2 texel, dx, dy;
-        bool covers;
-        int codes;
-        int following;
-        do {
-            rowX = zipmap_fetch(next);
-            rowY = zipmap_fetch(next + 1);
-            rowW = zipmap_fetch(next + 2);
-            mapped = vec3(dot(rowX.xyz, position), dot(rowY.xyz, position), dot(rowW.xyz, position));
-            texel = mapped.xy / mapped.z;
-            codes = int(rowW.w);
-            following = next + 5 + ((codes >> 4) & 15) - (codes & 15);
-            vec2 reach = vec2(0.0);
-#if ZIPMAP_LEVELS > 1 || ZIPMAP_PROBES
-            // Exact Jacobian of the projective map: d(xy / w) = (d(xy) - xy / w d(w)) / w.
-            dx = (vec2(dot(rowX.xy, dstdx), dot(rowY.xy, dstdx)) - texel * dot(rowW.xy, dstdx)) / mapped.z;
-            dy = (vec2(dot(rowX.xy, dstdy), dot(rowY.xy, dstdy)) - texel * dot(rowW.xy, dstdy)) / mapped.z;
-#endif
-#if ZIPMAP_PROBES
-            reach = 0.5 * (abs(dx) + abs(dy));  // probes reach in from outside
-#endif
-            bvec2 low = greaterThanEqual(texel, -reach);
-            bvec2 high = lessThanEqual(texel, vec2(rowX.w, rowY.w) + reach);
-            covers = mapped.z > 0.0 && all(low) && all(high) || left <= 1;
-            next = covers ? next : following;
-            left = covers ? left : left - 1;
-        } while (!covers);
-
-        int record = next;
-        bool isRoot = left <= 1;
-        next = following;
-        left--;
-        vec2 size = vec2(rowX.w, rowY.w);
-#if ZIPMAP_OUTSIDE
-        vec2 wrapped = vec2(zipmap_wrap(texel.x, size.x, wrap.x), zipmap_wrap(texel.y, size.y, wrap.y));
-        vec2 place = isRoot ? wrapped : texel;
+    vec4 color;
+#if ZIPMAP_TREE && ZIPMAP_LAYERS
+    if (zipmap_codes(slot) == 0)             // known when compiled
+        color = zipmap_tree_sample(slot, st, dstdx, dstdy, lod, patchIndex);
+    else
+        color = zipmap_list_sample(slot, st, dstdx, dstdy, lod, patchIndex);
+#elif ZIPMAP_TREE
+    color = zipmap_tree_sample(slot, st, dstdx, dstdy, lod, patchIndex);
 #else
-        vec2 place = clamp(texel, vec2(0.0), size);  // samples of a pixel that is covered in part may stray
+    color = zipmap_list_sample(slot, st, dstdx, dstdy, lod, patchIndex);
 #endif
-        int finest = codes & 15;
-        int coarsest = (codes >> 4) & 15;
-        int pageClass = codes >> 8;
-        float opacity = 2.0 * (rowW.w - float(codes));
-#if ZIPMAP_LEVELS == 1 && !ZIPMAP_PROBES
-        vec4 sampled = zipmap_texel(place, size, zipmap_fetch(record + 4), pageClass);
-        float level = 0.0;
-#else
-#if ZIPMAP_PROBES
-        Footprint footprint = make_footprint(dx, dy);
-        float probes = footprint_probes(footprint, zipmapMaxProbes);
-        float level = footprint_level(footprint, zipmapMaxProbes);
-#else
-        float level = isotropic_level(dx, dy);
-#endif
-        float used = clamp(level, float(finest), float(coarsest));
-        int fine = int(used);
-        float blend = used - float(fine);
-        vec4 fineLevel = zipmap_fetch(record + 4 + fine - finest);
-        vec4 coarseLevel = zipmap_fetch(record + 4 + min(fine + 1, coarsest) - finest);
-#if ZIPMAP_PROBES
-        vec4 sampled = vec4(0.0);
-        float weight = 1.0 / probes;
-        float along = 0.5 * weight - 0.5;
-        do {
-            vec2 probe = texel + along * footprint.majorDirection;
-#if ZIPMAP_OUTSIDE
-            vec2 wrappedProbe = vec2(zipmap_wrap(probe.x, size.x, wrap.x), zipmap_wrap(probe.y, size.y, wrap.y));
-            probe = isRoot ? wrappedProbe : probe;
-#else
-            probe = isRoot ? clamp(probe, vec2(0.0), size) : probe;
-#endif
-            sampled += mix(zipmap_texel(probe, size, fineLevel, pageClass), zipmap_texel(probe, size, coarseLevel, pageClass), blend);
-            along += weight;
-        } while (along < 0.5);
-        sampled *= weight;
-#else
-        vec4 sampled = mix(zipmap_texel(place, size, fineLevel, pageClass), zipmap_texel(place, size, coarseLevel, pageClass), blend);
-#endif
-#endif
-        bool first = clear == 1.0 && sampled.a > 0.0;
-        top = first ? record : top;
-        topLod = first ? level : topLod;
-        color += (mapped.z > 0.0 ? clear * opacity : 0.0) * sampled;
-        clear = 1.0 - color.a;
-    } while (left > 0 && clear > ZIPMAP_OPAQUE);
-    lod = topLod;
-    patchIndex = zipmap_fetch(top + 3).x;
     float alpha = color.a * zipmapScale[slot].a + zipmapBias[slot].a;
     float ratio = color.a > 0.0 ? alpha / color.a : 0.0;
     return vec4((color.rgb * zipmapScale[slot].rgb + color.a * zipmapBias[slot].rgb) * ratio, alpha);

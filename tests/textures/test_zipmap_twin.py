@@ -17,8 +17,9 @@ from bench.zipmap_stage import (
     zipmap_texture,
 )
 from fexel import homography, images, mipmaps
+from fexel.renderer.visible import visible_surface
 from fexel.textures.pyramid_cache import HALF, SRGB, PyramidCache
-from fexel.textures.system import TextureSystem
+from fexel.textures.system import TextureRequest, TextureSystem
 from fexel.textures.zipmap_twin import sample_zipmap
 
 TOLERANCE = 1 / 255
@@ -129,3 +130,59 @@ def test_zipmap_root_wraps_as_the_twin(gl, tmp_path, rng, wrap):
     for view in (front_view((0, 0), (1, 1), 90, 70), front_view((0, 0), (1, 1), 20, 16)):
         worst, _, _ = difference(gl, texture, view, 1.0, (wrap, wrap))
         assert worst <= TOLERANCE
+
+
+def similar_nest(rng, folder, count):
+    """Patches turned, mirrored and scaled alike along both axes, over a root that is not square."""
+    aspect = 1.6
+    sizes = [(128, 80)] + [(int(32 * 2 ** rng.uniform(0, 1.5)),) * 2 for _ in range(count)]
+    files = []
+    for number, (width, height) in enumerate(sizes):
+        texels = random_texels(rng, width, height)
+        if number == 0:
+            texels = np.dstack([texels[..., :3], np.ones(texels.shape[:2])]).astype(np.float32)
+        dtype, space = (("uint8", "sRGB"), ("uint16", "raw"), ("uint8", "sRGB"))[number % 3]
+        files.append((save(folder / f"{number}.tif", texels, dtype, space, 20), space))
+    children = []
+    for number in range(count):
+        angle, scale = rng.uniform(0, 2 * np.pi), 1 / np.exp(rng.uniform(np.log(0.3), np.log(1.5)))
+        turn = np.eye(3)
+        turn[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+        square = homography.translate(*-rng.uniform(0.2, 0.8, 2)) @ homography.scale(aspect, 1)
+        mirror = homography.scale(scale * rng.choice([-1.0, 1.0]), scale)
+        matrix = square @ turn @ mirror @ homography.translate(0.5, 0.5)
+        opacity = float(rng.choice([1.0, 0.6]))
+        children.append(Patch(files[number + 1][0], matrix, opacity, color_space=files[number + 1][1]))
+    return Patch(files[0][0], np.eye(3), children=tuple(children), color_space=files[0][1])
+
+
+def is_listed(gl, texture, view, anisotropy=1.0):
+    """Whether the view's layers are unrolled instead of found by the index."""
+    surface = visible_surface(quad(), view, ["st"])
+    system = TextureSystem(gl, anisotropy=anisotropy)
+    request = TextureRequest(texture, surface)
+    system.begin_view([request])
+    listed = system.binding([request]).defines["ZIPMAP_LAYERS"] > 0
+    system.release()
+    return listed
+
+
+@settings(max_examples=12, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+@given(seed=st.integers(0, 2**32 - 1), count=st.integers(0, 4), lod=st.floats(-2.0, 3.0))
+def test_zipmap_unrolled_list_and_index_equal_the_float64_twin(gl, tmp_path_factory, seed, count, lod):
+    rng = np.random.default_rng(seed)
+    texture = zipmap_texture(zipmap_stage(similar_nest(rng, tmp_path_factory.mktemp("list"), count)))
+    size = rng.uniform(0.5, 1.0)
+    low = rng.uniform(0, 1 - size, 2)
+    width = int(np.clip(128 * size / 2**lod, 8, 200))
+    view = front_view(low, low + size, width, max(8, int(width / 1.6)))
+    worst, _, _ = difference(gl, texture, view, 1.0)
+    assert worst <= TOLERANCE
+
+
+@pytest.mark.parametrize("wrap", ["black", "clamp", "repeat", "mirror"])
+def test_zipmap_unrolled_list_of_five_layers_equals_the_twin(gl, tmp_path, rng, wrap):
+    texture = zipmap_texture(zipmap_stage(similar_nest(rng, tmp_path, 4), wrap))
+    view = front_view((0.1, 0.1), (0.9, 0.9), 290, 181)  # magnified: one level of each, half and sRGB pages
+    assert is_listed(gl, texture, view)
+    assert difference(gl, texture, view, 1.0, (wrap, wrap))[0] <= TOLERANCE

@@ -21,6 +21,7 @@ from fexel.renderer.visible import VisibleSurface
 from fexel.scene.model import Texture
 from fexel.textures.atlas import PageAtlas
 from fexel.textures.index import LocalPieces, Tree, build_tree
+from fexel.textures.layer_list import LayerList, layer_list
 from fexel.textures.pyramid_cache import BYTES_PER_TEXEL, PyramidCache
 from fexel.textures.records import ROW, texel_matrices, write_nodes, write_records
 from fexel.textures.residency import MAX_LEVELS, PairView, Windows, drop_levels, view_pairs
@@ -33,6 +34,10 @@ __all__ = ["TextureBinding", "TextureRequest", "TextureSystem"]
 
 _WRAP_CODES = {"patch": 0.0, "black": 0.0, "clamp": 1.0, "repeat": 2.0, "mirror": 3.0}
 _PAGE_NAMES = ("Srgb", "Half")
+# Varyings that a mesh may need for itself, and that a listed layer takes.
+_MESH_COMPONENTS = 32
+_LAYER_COMPONENTS = 16
+_MOST_LISTED_SLOTS = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +75,7 @@ class _Slot:
     probes: bool
     outside: bool
     page_classes: frozenset[int]
+    layers: LayerList | None
 
 
 class TextureBinding:
@@ -86,12 +92,23 @@ class TextureBinding:
         self._system = system
         classes = frozenset().union(*(slot.page_classes for slot in slots))
         self._classes = sorted(classes)
+        self._lists = _lists(slots, system.most_listed)
+        by_index = [slot for slot, listed in zip(slots, self._lists, strict=True) if listed is None]
+        listed = [layers for layers in self._lists if layers is not None]
         self.defines = {
             "ZIPMAP_SLOTS": len(slots),
-            "ZIPMAP_LEVELS": max(slot.levels for slot in slots),
-            "ZIPMAP_PROBES": int(any(slot.probes for slot in slots)),
+            "ZIPMAP_TREE": int(bool(by_index)),
+            "ZIPMAP_LEVELS": max((slot.levels for slot in by_index), default=1),
+            "ZIPMAP_PROBES": int(any(slot.probes for slot in by_index)),
+            "ZIPMAP_LAYERS": max((len(layers.flat) for layers in listed), default=0),
             "ZIPMAP_OUTSIDE": int(any(slot.outside for slot in slots)),
-        } | {f"ZIPMAP_{name.upper()}": int(number in classes) for number, name in enumerate(_PAGE_NAMES)}
+        }
+        if listed:
+            self.defines["ZIPMAP_FLAT"] = 4 * len(slots) * self.defines["ZIPMAP_LAYERS"]
+        self.defines |= {f"ZIPMAP_{name.upper()}": int(number in classes) for number, name in enumerate(_PAGE_NAMES)}
+        self.defines |= {
+            f"ZIPMAP_CODES{number}": layers.codes if layers else 0 for number, layers in enumerate(self._lists)
+        }
 
     def apply(self, program: moderngl.Program, first_unit: int = 0) -> int:
         """Set uniforms and bind textures from unit `first_unit` on; returns the next free unit."""
@@ -108,6 +125,7 @@ class TextureBinding:
             "zipmapGrid", "zipmapTree", "zipmapWrap", "zipmapScale", "zipmapBias"
         )}  # fmt: skip
         values["zipmapHalfTexel"] = half
+        values |= self._list_uniforms()
         for name, value in values.items():
             if name in program:
                 _set(program[name], value)
@@ -115,8 +133,33 @@ class TextureBinding:
             program["zipmapMaxProbes"] = float(self._system.anisotropy)
         return unit
 
+    def _list_uniforms(self) -> dict[str, NDArray[np.float64]]:
+        """Of shaders/zipmap_list.glsl; slots that go by the index leave theirs at zero."""
+        most = self.defines["ZIPMAP_LAYERS"]
+        if not most:
+            return {}
+        flat = np.zeros((len(self._lists), most, 4, 4))
+        numbers = np.zeros((len(self._lists), most, 4))
+        root = np.zeros((len(self._lists), 4))
+        for slot, layers in enumerate(self._lists):
+            if layers is not None:
+                count = len(layers.flat)
+                flat[slot, :count], numbers[slot, :count], root[slot] = layers.flat, layers.numbers, layers.root
+        named = {"zipmapLayers": flat, "zipmapNumbers": numbers, "zipmapRoot": root}
+        return {name: value.reshape(-1, 4) for name, value in named.items()}
 
-def _set(uniform: Any, values: list[tuple]) -> None:
+
+def _lists(slots: Sequence[_Slot], most: int) -> list[LayerList | None]:
+    """The list of each slot; varyings are few, so the longest lists go by the index where there are too many."""
+    lists = [slot.layers for slot in slots]
+    if len(lists) > _MOST_LISTED_SLOTS:
+        return [None] * len(lists)
+    while (longest := max(0 if layers is None else len(layers.flat) for layers in lists)) * len(lists) > most:
+        lists = [None if layers is None or len(layers.flat) == longest else layers for layers in lists]
+    return lists
+
+
+def _set(uniform: Any, values: Sequence[tuple] | NDArray[np.float64]) -> None:
     """An array of vectors; the driver may have cut off what the program does not read."""
     kind = np.int32 if isinstance(values[0][0], int) else np.float32
     uniform.write(np.array(values[: uniform.array_length], kind).tobytes())
@@ -141,6 +184,8 @@ class TextureSystem:
         self.anisotropy = max(1.0, float(anisotropy))
         self.atlases = tuple(PageAtlas(gl, page_class) for page_class in range(len(_PAGE_NAMES)))
         self.records: moderngl.Texture | None = None
+        varyings = int(gl.info["GL_MAX_VERTEX_OUTPUT_COMPONENTS"])
+        self.most_listed = (varyings - _MESH_COMPONENTS) // _LAYER_COMPONENTS
         self._cache = PyramidCache()
         self._slots: dict[int, tuple[TextureRequest, _Slot]] = {}
         self._images: dict[ImageSource, int] = {}
@@ -321,7 +366,9 @@ class TextureSystem:
             records, start = write_records(view.pairs, (finest, coarsest), layers, places)
             nodes = write_nodes(view.tree, view.pairs, start + base, base + len(records))
             texels += [records, nodes]
-            self._slots[id(request)] = (request, _slot(view, base + len(records), coarsest > finest, page_class))
+            short = layer_list(view.tree, view.pairs, (finest, coarsest), layers, places)
+            slot = _slot(view, base + len(records), coarsest > finest, page_class, short)
+            self._slots[id(request)] = (request, slot)
             base += len(records) + len(nodes)
         self._upload(np.concatenate(texels) if texels else np.zeros((1, 4), np.float32))
 
@@ -366,7 +413,13 @@ def _root_is_seen_outside(view: _Seen, probes: bool) -> bool:
     return not bool(((root_st >= -1e-5) & (root_st <= 1 + 1e-5)).all())
 
 
-def _slot(view: _Seen, first_node: int, two_levels: NDArray[np.bool_], page_class: NDArray[np.int64]) -> _Slot:
+def _slot(
+    view: _Seen,
+    first_node: int,
+    two_levels: NDArray[np.bool_],
+    page_class: NDArray[np.int64],
+    layers: LayerList | None,
+) -> _Slot:
     tree = view.tree
     scale = 1.0 / tree.cell_size
     offset = -tree.origin * scale
@@ -381,4 +434,5 @@ def _slot(view: _Seen, first_node: int, two_levels: NDArray[np.bool_], page_clas
         probes=probes,
         outside=_root_is_seen_outside(view, probes),
         page_classes=frozenset(int(c) for c in page_class[view.image[np.unique(view.pairs.layer)]]),
+        layers=layers,
     )
