@@ -211,3 +211,24 @@ def test_stage_without_zipmap_or_with_a_singular_matrix_is_refused(placed_stage,
     with pytest.raises(FexelError, match=r"/Set/Wall/Door.*singular"):
         place_zipmap(placed_stage, pictures / "out.usda")
     assert not (pictures / "out.usda").exists()
+
+
+def test_inputs_in_the_folder_of_textures_are_kept(placed_stage, pictures):
+    """Even where the earlier output names them: pictures, masks, and the layout's own layers."""
+    (pictures / "own_textures").mkdir()
+    for name in ("wall", "door"):
+        (pictures / f"{name}.png").rename(pictures / "own_textures" / f"{name}.png")
+    stage = Usd.Stage.CreateNew(str(pictures / "own.usda"))
+    for name in ("wall", "door"):
+        texture = fexel.ZipmapTexture.Define(stage, "/wall" if name == "wall" else "/wall/door")
+        texture.CreateFileAttr(Sdf.AssetPath(f"./own_textures/{name}.png"))
+    stage.Save()
+    layout = pictures / "layout.yaml"
+    layout.write_text("{root: own_textures/wall.png, patches: []}", "utf-8")
+    art = Usd.Stage.CreateNew(str(pictures / "over.usda"))
+    art.GetRootLayer().subLayerPaths[:] = ["./own.usda"]
+    art.Save()
+    for place, message in ((layout, "wall.png: lies in"), (pictures / "over.usda", "is an input")):
+        with pytest.raises(FexelError, match=message):
+            place_zipmap(place, pictures / "own.usda", ZipmapOptions(fallback_size=16))
+    assert {p.name for p in (pictures / "own_textures").iterdir()} == {"wall.png", "door.png"}

@@ -13,7 +13,8 @@ from fexel_tools.staged_output import check_output, staged_output
 
 def write(out, text, texture="t.tif"):
     with staged_output(out) as staged:
-        staged.stage.write_text(f"#usda 1.0\n# {text}\n", "utf-8")
+        asset = f"./{staged.textures.name}/{texture}"
+        staged.stage.write_text(f'#usda 1.0\n# {text}\ndef "T" {{ asset inputs:file = @{asset}@\n}}\n', "utf-8")
         (staged.textures / texture).write_text(text, "utf-8")
 
 
@@ -67,6 +68,26 @@ def test_folder_of_the_users_own_is_not_touched(tmp_path):
     with pytest.raises(FexelError, match="a_textures: is in the way"):
         write(tmp_path / "a.usda", "one")
     assert (tmp_path / "a_textures" / "holiday.tif").read_text() == "mine"
+
+
+def test_folder_beside_a_stage_that_does_not_name_its_files_is_not_touched(tmp_path):
+    write(tmp_path / "a.usda", "one")
+    (tmp_path / "a_textures" / "holiday.tif").write_text("mine", "utf-8")
+    for text in (None, "damaged"):
+        if text:
+            (tmp_path / "a.usda").write_text(text, "utf-8")
+        with pytest.raises(FexelError, match="a_textures: is in the way"):
+            write(tmp_path / "a.usda", "two")
+        assert (tmp_path / "a_textures" / "holiday.tif").read_text() == "mine"
+
+
+@pytest.mark.parametrize(("name", "message"), [("a_textures/t.tif", "which the output replaces"), ("a.usda", "input")])
+def test_output_never_replaces_an_input(tmp_path, monkeypatch, name, message):
+    write(tmp_path / "a.usda", "one")
+    monkeypatch.chdir(tmp_path)
+    check_output("a.usda", ["elsewhere.tif", "b_textures/t.tif"])
+    with pytest.raises(FexelError, match=message):
+        check_output("a.usda", [tmp_path / name])
 
 
 @pytest.mark.parametrize(

@@ -229,6 +229,18 @@ def test_wrong_input_is_an_error_before_any_work(series_files, tmp_path, change,
     assert sorted(p.name for p in tmp_path.iterdir()) == ["photos"]
 
 
+def test_photos_beside_a_stage_of_the_same_name_are_kept(series_files, tmp_path):
+    """A folder of photos that is named as the output's textures would be, with an earlier stage beside it."""
+    folder = tmp_path / "own_textures"
+    folder.mkdir()
+    photo = shutil.copy(series_files["whole"], folder)
+    stage = Usd.Stage.CreateNew(str(tmp_path / "own.usda"))
+    stage.Save()
+    with pytest.raises(FexelError, match="own_textures"):
+        make_zipmap([photo], tmp_path / "own.usda")
+    assert Path(photo).exists()
+
+
 def test_nothing_usable_is_an_error_that_names_the_files(tmp_path):
     (tmp_path / "a.jpg").write_text("x")
     (tmp_path / "b.jpg").write_text("y")

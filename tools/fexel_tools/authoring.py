@@ -10,6 +10,7 @@ from __future__ import annotations
 import re
 import shutil
 import unicodedata
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -173,8 +174,15 @@ def prim_names(files: list[str]) -> list[str]:
     return names
 
 
-def check_options(out: str | Path, options: ZipmapOptions) -> Surface | None:
+def check_options(out: str | Path, options: ZipmapOptions, inputs: Iterable[str | Path] = ()) -> Surface | None:
     """Find wrong options before any work is done, and read the mesh if there is one.
+
+    Parameters
+    ----------
+    out : str or Path
+    options : ZipmapOptions
+    inputs : iterable of str or Path
+        Files that are read, other than the mesh: the output must not replace them.
 
     Raises
     ------
@@ -191,7 +199,7 @@ def check_options(out: str | Path, options: ZipmapOptions) -> Surface | None:
         raise FexelError(f"--fallbackSize: {options.fallback_size}, expected at least 1 pixel")
     if not options.max_error_px > 0.0:
         raise FexelError(f"--max-error: {options.max_error_px}, expected a positive number of pixels")
-    check_output(out)
+    check_output(out, [*inputs, *([options.mesh] if options.mesh else [])])
     return load_surface(options.mesh) if options.mesh else None
 
 

@@ -36,6 +36,7 @@ from fexel_tools.authoring import PlannedPatch, ZipmapOptions, author_stage, che
 from fexel_tools.coverage import clip_convex, rectangle
 from fexel_tools.photos import probe_photo
 from fexel_tools.progress import Progress
+from fexel_tools.staged_output import check_output
 
 __all__ = ["place_zipmap", "read_layout"]
 
@@ -66,10 +67,11 @@ def place_zipmap(
     options = options or ZipmapOptions()
     if not Path(layout).is_file():
         raise FexelError(f"{layout}: no such file")
-    surface = check_options(out, options)
+    surface = check_options(out, options, [layout])
     suffix = Path(layout).suffix.lower()
     if suffix in (".yaml", ".yml"):
         root, patches = read_layout(layout, options)
+        check_output(out, [file for p in (root, *patches) for file in (p.photo.file, p.mask) if file])
         author_stage(out, root, patches, options, surface=surface, progress=progress)
     elif suffix in (".usd", ".usda", ".usdc", ".usdz"):
         from fexel_tools.placed_stage import complete_stage

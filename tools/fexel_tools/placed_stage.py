@@ -22,7 +22,7 @@ from fexel_tools.inspect import zipmap_roots
 from fexel_tools.patches import PatchJob, write_textures
 from fexel_tools.photos import Photo, probe_photo
 from fexel_tools.progress import Progress, silent
-from fexel_tools.staged_output import StagedOutput, staged_output
+from fexel_tools.staged_output import StagedOutput, check_output, staged_output
 from fexel_tools.zipmap_stage import st_from_pixels
 
 __all__ = ["complete_stage"]
@@ -52,12 +52,11 @@ def complete_stage(
     """
     from fexel_tools import fallback
 
-    if Path(out).absolute() == Path(source).absolute():
-        raise FexelError(f"{out}: is the layout itself, expected another file")
     stage = open_stage(source)
     roots = zipmap_roots(stage)
     if not roots:
         raise FexelError(f"{source}: holds no ZipmapTexture")
+    check_output(out, _files_of(stage, roots))
     step = progress or silent
     with staged_output(out) as staged:
         layer = _layer_over(Path(source), stage, staged)
@@ -76,6 +75,14 @@ def complete_stage(
         over.WriteFallbackPrimTypes()
         _set_sublayer(layer, Path(source), Path(out).parent)
         layer.Save()
+
+
+def _files_of(stage: Usd.Stage, roots: list[fexel.ZipmapTexture]) -> list[str]:
+    """Layers, pictures and masks: what the output must not replace."""
+    files = [layer.realPath for layer in stage.GetUsedLayers() if layer.realPath]
+    for patch in (patch for root in roots for patch in root.GetPatches()):
+        files += [_asset(patch.prim, name, needed=False) for name in ("inputs:file", "inputs:mask")]
+    return [file for file in files if file]
 
 
 def _layer_over(source: Path, stage: Usd.Stage, staged: StagedOutput) -> Sdf.Layer:

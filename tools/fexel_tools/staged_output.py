@@ -10,19 +10,18 @@ from __future__ import annotations
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from pxr import Sdf
+from pxr import Sdf, Tf, UsdUtils
 
 from fexel.errors import FexelError
 
 __all__ = ["StagedOutput", "check_output", "staged_output"]
 
 _EXTENSIONS = (".usda", ".usdc", ".usd")
-_TEXTURE_EXTENSIONS = (".tif", ".exr", ".png", ".jpg")
 
 
 @dataclass(frozen=True)
@@ -41,14 +40,20 @@ class StagedOutput:
     textures: Path
 
 
-def check_output(out: str | Path) -> None:
-    """See to it, before any work, that the output can be written.
+def check_output(out: str | Path, inputs: Iterable[str | Path] = ()) -> None:
+    """See to it, before any work, that the output can be written and takes nothing else away.
+
+    Parameters
+    ----------
+    out : str or Path
+    inputs : iterable of str or Path
+        Files that the output is made from: they must neither be the output nor lie in its folder of textures.
 
     Raises
     ------
     FexelError
-        Wrong extension, missing or unwritable folder, a folder in the way, or a folder of textures that holds other
-        files.
+        Wrong extension, missing or unwritable folder, a folder in the way, a folder of textures that holds files which
+        the earlier stage does not name, or an input that would be replaced.
     """
     path = Path(out)
     if path.suffix.lower() not in _EXTENSIONS:
@@ -64,8 +69,11 @@ def check_output(out: str | Path) -> None:
     textures = _textures_folder(path)
     if textures.exists() and not _is_ours(path, textures):
         raise FexelError(
-            f"{textures}: is in the way and holds more than textures; remove it or choose another output name"
+            f"{textures}: is in the way and holds files that are not textures of {path.name}; remove it or choose "
+            "another output name"
         )
+    for file in inputs:
+        _check_input(path, textures, file)
 
 
 @contextmanager
@@ -96,13 +104,32 @@ def _textures_folder(path: Path) -> Path:
     return path.with_name(f"{path.stem}_textures")
 
 
+def _check_input(out: Path, textures: Path, file: str | Path) -> None:
+    resolved = Path(file).resolve()
+    if resolved == out.resolve():
+        raise FexelError(f"{out}: is an input of this run, expected another output name")
+    if resolved.is_relative_to(textures.resolve()):
+        raise FexelError(f"{file}: lies in {textures}, which the output replaces; choose another output name")
+
+
 def _is_ours(stage: Path, textures: Path) -> bool:
+    """Whether the folder is empty, or holds only files that the earlier stage names."""
     if not textures.is_dir():
         return False
-    entries = list(textures.iterdir())
-    return not entries or (
-        stage.exists() and all(e.is_file() and e.suffix.lower() in _TEXTURE_EXTENSIONS for e in entries)
-    )
+    entries = {entry.resolve() for entry in textures.iterdir()}
+    return not entries or (stage.is_file() and entries <= _named_files(stage))
+
+
+def _named_files(stage: Path) -> set[Path]:
+    """Files that a layer's own asset paths name; none where it cannot be read."""
+    diagnostics = UsdUtils.CoalescingDiagnosticDelegate()  # an unreadable stage names nothing; USD need not say so too
+    try:
+        _, assets, _ = UsdUtils.ExtractExternalReferences(str(stage))
+    except Tf.ErrorException:
+        return set()
+    finally:
+        diagnostics.TakeUncoalescedDiagnostics()
+    return {(stage.parent / asset).resolve() for asset in assets}
 
 
 def _move_into_place(staged: StagedOutput, path: Path, folder: Path) -> None:

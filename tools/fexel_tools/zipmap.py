@@ -66,7 +66,7 @@ def make_zipmap(
     step = progress or silent
     files = [str(f) for f in files]
     root = _check_input(files, options, report)
-    surface = check_options(out, options)
+    surface = check_options(out, options, files)
     photos, unusable = _probe_all(files)
     if root is not None and root in unusable:
         raise FexelError(f"{unusable[root]} (asked for as root)")
