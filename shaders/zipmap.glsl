@@ -6,7 +6,7 @@
 //
 // Defines: ZIPMAP_SLOTS textures of the material; ZIPMAP_CODES<slot> 0 for the index, else what zipmap_list.glsl says;
 // ZIPMAP_TREE, ZIPMAP_LAYERS whether any slot goes by the index, and the longest list; ZIPMAP_OUTSIDE 1 where the root is
-// seen outside of [0, 1]^2; ZIPMAP_SRGB, ZIPMAP_HALF which pages there are.
+// seen outside of [0, 1]^2; ZIPMAP_SCALED 0 where no slot has a scale or bias; ZIPMAP_SRGB, ZIPMAP_HALF which pages there are.
 #include "common_footprint.glsl"
 
 #define ZIPMAP_PATCH 0.0
@@ -53,7 +53,11 @@ vec4 zipmap_sample(int slot, vec2 st, vec2 dstdx, vec2 dstdy, out float lod, out
 #else
     color = zipmap_list_sample(slot, st, dstdx, dstdy, lod, patchIndex);
 #endif
+#if ZIPMAP_SCALED
     float alpha = color.a * zipmapScale[slot].a + zipmapBias[slot].a;
     float ratio = color.a > 0.0 ? alpha / color.a : 0.0;
     return vec4((color.rgb * zipmapScale[slot].rgb + color.a * zipmapBias[slot].rgb) * ratio, alpha);
+#else
+    return color;
+#endif
 }

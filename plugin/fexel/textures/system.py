@@ -102,6 +102,7 @@ class TextureBinding:
             "ZIPMAP_PROBES": int(any(slot.probes for slot in by_index)),
             "ZIPMAP_LAYERS": max((len(layers.flat) for layers in listed), default=0),
             "ZIPMAP_OUTSIDE": int(any(slot.outside for slot in slots)),
+            "ZIPMAP_SCALED": int(any(slot.scale != (1, 1, 1, 1) or slot.bias != (0, 0, 0, 0) for slot in slots)),
         }
         if listed:
             self.defines["ZIPMAP_FLAT"] = 4 * len(slots) * self.defines["ZIPMAP_LAYERS"]
