@@ -3,8 +3,8 @@
 //
 // Only for layers whose maps are affine, whose texels have the shape of the root's, so that their mip levels differ by a
 // constant, and of which two levels at most are seen. They are unrolled, and what is known of each is compiled in. What
-// differs from view to view comes as flat varyings (zipmap_vertex.glsl): llvmpipe gathers uniforms pixel by pixel, which
-// costs more than the lookup itself.
+// differs from view to view comes as flat varyings (zipmap_vertex.glsl): as uniforms it was measured to cost llvmpipe
+// about as much as the lookups themselves.
 //
 // Defines: ZIPMAP_LAYERS most layers of a slot; ZIPMAP_FLAT four varyings per slot and layer; ZIPMAP_CODES<slot>: layers of
 // the slot + 16 sum_i 4^i codes_i, i counted front to back, codes_i = 1 where layer i is seen at two mip levels, + 2 where
