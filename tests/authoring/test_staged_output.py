@@ -55,6 +55,38 @@ def test_second_run_replaces_the_first_and_its_textures(tmp_path):
     assert not layer.dirty
 
 
+@pytest.mark.parametrize("earlier", [True, False])
+@pytest.mark.parametrize("error", [OSError(5, "Input/output error"), KeyboardInterrupt()])
+@pytest.mark.parametrize("step", range(6))
+def test_failure_while_moving_leaves_the_earlier_output_or_the_new_one(tmp_path, monkeypatch, earlier, error, step):
+    """Renaming number step // 2 fails, or is done and interrupted: never orphans, never a mixture."""
+    if earlier:
+        write(tmp_path / "a.usda", "one")
+    replace, calls = os.replace, []
+
+    def fail(source, target):
+        calls.append(target)
+        if len(calls) - 1 == step // 2 and step % 2 == 0:
+            raise error
+        replace(source, target)
+        if len(calls) - 1 == step // 2:
+            raise error
+
+    monkeypatch.setattr("os.replace", fail)
+    renamings = 3 if earlier else 2
+    if step // 2 < renamings:
+        with pytest.raises(FexelError if isinstance(error, OSError) else KeyboardInterrupt):
+            write(tmp_path / "a.usda", "two")
+    else:
+        write(tmp_path / "a.usda", "two")
+    done = step // 2 >= renamings or step == 2 * renamings - 1
+    expected = "two" if done else "one" if earlier else None
+    assert {p.name for p in tmp_path.iterdir()} == ({"a.usda", "a_textures"} if expected else set())
+    if expected:
+        assert (tmp_path / "a_textures" / "t.tif").read_text() == expected
+        assert expected in (tmp_path / "a.usda").read_text()
+
+
 def test_missing_stage_file_counts_as_failure(tmp_path):
     write(tmp_path / "a.usda", "one")
     with pytest.raises(FexelError, match=r"a\.usda"), staged_output(tmp_path / "a.usda"):

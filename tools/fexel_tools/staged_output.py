@@ -22,6 +22,7 @@ from fexel.errors import FexelError
 __all__ = ["StagedOutput", "check_output", "staged_output"]
 
 _EXTENSIONS = (".usda", ".usdc", ".usd")
+_EARLIER = "earlier"  # textures of the earlier output, while the new ones take their place
 
 
 @dataclass(frozen=True)
@@ -97,7 +98,8 @@ def staged_output(out: str | Path) -> Iterator[StagedOutput]:
         yield staged
         _move_into_place(staged, path, folder)
     finally:
-        shutil.rmtree(folder, ignore_errors=True)
+        if not (folder / _EARLIER).exists() or _textures_folder(path).exists():  # else they could not be moved back
+            shutil.rmtree(folder, ignore_errors=True)
 
 
 def _textures_folder(path: Path) -> Path:
@@ -133,21 +135,32 @@ def _named_files(stage: Path) -> set[Path]:
 
 
 def _move_into_place(staged: StagedOutput, path: Path, folder: Path) -> None:
-    textures, earlier = _textures_folder(path), folder / "earlier"
-    os.chmod(staged.textures, 0o777 & ~_umask())
+    if not staged.stage.is_file():
+        raise FexelError(f"{path}: cannot be written: no stage was made")
+    textures, earlier = _textures_folder(path), folder / _EARLIER
     try:
+        os.chmod(staged.textures, 0o777 & ~_umask())
         if textures.exists():
             os.replace(textures, earlier)
         os.replace(staged.textures, textures)
         os.replace(staged.stage, path)
-    except OSError as error:
-        if earlier.exists():
-            shutil.rmtree(textures, ignore_errors=True)
-            os.replace(earlier, textures)
-        raise FexelError(f"{path}: cannot be written: {error.strerror}") from error
+    except BaseException as error:  # also an interruption between two renamings
+        if staged.stage.exists():
+            _move_back(staged, textures, earlier)
+        if isinstance(error, OSError):
+            raise FexelError(f"{path}: cannot be written: {error.strerror}") from error
+        raise
     layer = Sdf.Layer.Find(str(path))
     if layer:  # an earlier version of the stage is open in this process
         layer.Reload(True)
+
+
+def _move_back(staged: StagedOutput, textures: Path, earlier: Path) -> None:
+    """Undo the renaming of textures; what is on disk tells how far it came."""
+    if not staged.textures.exists():
+        os.replace(textures, staged.textures)
+    if earlier.exists():
+        os.replace(earlier, textures)
 
 
 def _umask() -> int:
