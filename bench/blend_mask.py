@@ -5,13 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import cv2
+import numba
 import numpy as np
 
-from bench.harness import Row, shared_data, time_alternately
+from bench.harness import Curve, Row, shared_data, time_alternately
 from fexel.images import image_info, read_pixels
 from fexel_tools.blend_mask import blend_mask, gradient_density, gradient_map
 
 NAME = "blend_mask"
+_SWEEPS = (1, 2, 4)
 
 
 def rows(quick: bool) -> Iterator[Row]:
@@ -69,3 +71,73 @@ def _exactness(label: str, image: np.ndarray) -> Iterator[Row]:
     error = float(np.abs(found.alpha - np.minimum(1, densest / found.tau)).max())
     setting = f"{label}, {image.shape[1]} x {image.shape[0]}"
     yield Row("mask, largest error of alpha against the exact path cost", setting, error, "", 1e-6, "<=")
+
+
+def curves(quick: bool) -> Iterator[Curve]:
+    """Speed against error of alpha, one channel, tau given: exact path costs and raster sweeps that stop early."""
+    from skimage.graph import MCP
+
+    *_, (label, image) = _images(*((600, 450) if quick else (1600, 1200)))
+    channel = np.ascontiguousarray(image[:, :, 1])
+    tau = blend_mask(channel).tau
+    cost = gradient_map(channel).astype(np.float64)
+    seeds = np.argwhere(_border(cost.shape))
+    cost[tuple(seeds.T)] = 0
+    ways = {
+        "fexel": lambda: blend_mask(channel, tau=tau).alpha,
+        "scikit-image MCP, exact": lambda: _alpha(MCP(cost, fully_connected=True).find_costs(seeds)[0], tau),
+        **{n: lambda n=n: _alpha(_swept(cost.astype(np.float32), n), tau) for n in _SWEEPS},
+    }
+    times = time_alternately(ways, repeats=1 if quick else 3)
+    exact = ways["scikit-image MCP, exact"]()
+    megapixels = channel.size / 1e6
+    # The exact way has no error; the step of 8 bits, 1/255, divided by a thousand stands for none on the log axis.
+    points = {
+        key: (max(float(np.abs(way() - exact).max()), 1e-3 / 255), megapixels / times[key].median_s)
+        for key, way in ways.items()
+    }
+    for key in ("fexel", "scikit-image MCP, exact"):
+        yield _curve(key, label, [points[key]])
+    yield _curve("raster sweeps, compiled", label, [points[n] for n in _SWEEPS], [str(n) for n in _SWEEPS])
+
+
+def _border(shape: tuple[int, int]) -> np.ndarray:
+    border = np.ones(shape, bool)
+    border[1:-1, 1:-1] = False
+    return border
+
+
+def _alpha(density: np.ndarray, tau: float) -> np.ndarray:
+    return np.minimum(1, density / tau)
+
+
+@numba.njit(cache=True)
+def _swept(cost, sweeps):
+    """Path costs after passes forward and backward over the pixels in raster order, each looking at 4 neighbours."""
+    height, width = cost.shape
+    found = np.full((height, width), np.float32(1e30))
+    found[0], found[-1], found[:, 0], found[:, -1] = 0, 0, 0, 0
+    for number in range(2 * sweeps):
+        step = 1 if number % 2 == 0 else -1
+        for j in range(1, height - 1):
+            y = j if step > 0 else height - 1 - j
+            for i in range(1, width - 1):
+                x = i if step > 0 else width - 1 - i
+                least = min(found[y - step, x - 1], found[y - step, x], found[y - step, x + 1], found[y, x - step])
+                found[y, x] = min(found[y, x], least + cost[y, x])
+    return found
+
+
+def _curve(label: str, image: str, points: list[tuple[float, float]], annotations: list[str] | None = None) -> Curve:
+    return Curve(
+        plot="blend_mask",
+        label=label,
+        x=[error for error, _ in points],
+        y=[speed for _, speed in points],
+        x_label=f"largest error of alpha ({image}); exact is drawn at 4e-6",
+        y_label="MP/s, one channel",
+        x_log=True,
+        y_log=True,
+        ours=label == "fexel",
+        annotations=annotations or [],
+    )

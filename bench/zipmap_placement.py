@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.harness import Row
+from bench.harness import Curve, Row
 from bench.zipmap_stage import (
     Patch,
     front_view,
@@ -31,6 +31,7 @@ from fexel.textures.system import TextureSystem
 NAME = "zipmap placement"
 DEPTHS = (10, 16, 20, 24)
 _NESTS = 12
+_TILTS = (0.0, 55.0)
 _TEXELS = 128
 _REFERENCE = {
     10: "matrix per vertex 0.013, per fragment 0.15",
@@ -101,7 +102,7 @@ def rows(quick: bool) -> Iterator[Row]:
     """One row per magnification: the worse of a front view and one tilted by 55 degrees."""
     with GLContext() as gl, tempfile.TemporaryDirectory() as folder:
         for exponent in DEPTHS[-1:] if quick else DEPTHS:
-            error = max(placement_error(gl, Path(folder), exponent, tilt) for tilt in (0.0, 55.0))
+            error = max(placement_error(gl, Path(folder), exponent, tilt) for tilt in _TILTS)
             yield Row(
                 measure="zipmap placement error",
                 setting=f"magnification 2^{exponent}, front and 55 degrees",
@@ -111,3 +112,49 @@ def rows(quick: bool) -> Iterator[Row]:
                 comparison="<",
                 reference=_REFERENCE[exponent],
             )
+
+
+def float32_error(exponent: int, tilt: float, per_vertex: bool, pixels: int = 160) -> float:
+    """Largest misplacement, in texels of the deepest patch, of plain float32 coordinates: a shader without re-basing.
+
+    Interpolation and matrix are emulated in NumPy float32, the matrix composed in float64 and rounded once: applied at
+    the corners of the quad and interpolated (`per_vertex`), or applied to the interpolated st.
+    """
+    st_to_deepest = np.linalg.matrix_power(nest_matrix(), exponent // 2)
+    st = pixel_st(_view(st_to_deepest, tilt, pixels))[0]
+    uv = homography.apply(st_to_deepest, st)
+    st, uv = (values[((uv > 0) & (uv < 1)).all(axis=1)] for values in (st, uv))
+    s, t = st.T
+    below = s > t  # the first triangle of the quad, corners (0, 0), (1, 0), (1, 1); the second has (0, 1)
+    weights = np.stack([1 - np.maximum(s, t), np.where(below, s - t, 0), np.minimum(s, t), np.where(below, 0, t - s)])
+    weights = weights.T.astype(np.float32)
+    corners = np.array([[0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]], np.float32)
+    matrix = st_to_deepest.astype(np.float32)
+    found = weights @ (corners @ matrix) if per_vertex else (weights @ corners) @ matrix
+    found = found[:, :2] / found[:, 2:]
+    return float(np.abs(found.astype(np.float64) - uv).max() * _TEXELS)
+
+
+def curves(quick: bool) -> Iterator[Curve]:
+    """Error against magnification 2^0 to 2^24, the worse of two views: rendered, and what plain float32 gives."""
+    exponents = range(0, 2 * _NESTS + 1, 8 if quick else 2)
+    with GLContext() as gl, tempfile.TemporaryDirectory() as folder:
+        ours = [max(placement_error(gl, Path(folder), n, tilt) for tilt in _TILTS) for n in exponents]
+    plain = {
+        f"float32, matrix per {place}": [
+            max(float32_error(n, tilt, place == "vertex") for tilt in _TILTS) for n in exponents
+        ]
+        for place in ("vertex", "fragment")
+    }
+    for label, errors in {"fexel, re-based, as rendered": ours, **plain}.items():
+        yield Curve(
+            plot="zipmap_placement",
+            label=label,
+            x=[2.0**n for n in exponents],
+            y=errors,
+            x_label="magnification, 2^0 to 2^24",
+            y_label="largest error, texels of the deepest patch",
+            x_log=True,
+            y_log=True,
+            ours=errors is ours,
+        )
