@@ -217,7 +217,17 @@ def test_max_error_rejects_with_the_residual(series_files, tmp_path):
         ({"options": ZipmapOptions(primitive="cube")}, "expected one of quad, sphere, cylinder"),
         ({"options": ZipmapOptions(mesh="gone.usda")}, "gone.usda: no such file"),
         ({"options": ZipmapOptions(fallback_size=0)}, "--fallbackSize"),
+        ({"options": ZipmapOptions(fallback_size=-4)}, "--fallbackSize"),
+        ({"options": ZipmapOptions(tau=-1.0)}, "--tau"),
+        ({"options": ZipmapOptions(tau=float("nan"))}, "--tau"),
+        ({"options": ZipmapOptions(max_error_px=float("nan"))}, "--max-error"),
+        ({"options": ZipmapOptions(min_gain=float("nan"))}, "--min-gain"),
+        ({"options": ZipmapOptions(min_gain=-1.0)}, "--min-gain"),
+        ({"options": ZipmapOptions(jobs=-1)}, "--jobs"),
         ({"report": "gone/r.json"}, "does not exist"),
+        ({"report": "photos"}, "photos: is a folder"),
+        ({"report": "./out.usda"}, "the output itself"),
+        ({"report": "photos/whole.png"}, "is a photo"),
     ],
 )
 def test_wrong_input_is_an_error_before_any_work(series_files, tmp_path, change, message, monkeypatch):
@@ -352,6 +362,23 @@ def test_command_tells_what_became_of_each_photo(series_files, tmp_path):
 def test_command_wants_photos_or_a_layout(tmp_path):
     with pytest.raises(FexelError, match="photos or --place"):
         CliRunner().invoke(app, ["zipmap", "-o", str(tmp_path / "o.usda")], catch_exceptions=False)
+
+
+@pytest.mark.parametrize(
+    ("layout", "option"),
+    [
+        ("layout.yaml", ["--report", "r.json"]),
+        ("layout.yaml", ["--root", "whole.png"]),
+        ("layout.yaml", ["--max-error", "8"]),
+        ("layout.yaml", ["--min-gain", "1.2"]),
+        ("art.usda", ["--primitive", "quad"]),
+        ("art.usda", ["--mesh", "mesh.usda"]),
+    ],
+)
+def test_command_refuses_what_does_not_apply_to_a_layout(tmp_path, layout, option):
+    arguments = ["zipmap", "--place", str(tmp_path / layout), "-o", str(tmp_path / "o.usda"), *option]
+    with pytest.raises(FexelError, match=f"^{option[0]}: does not apply"):
+        CliRunner().invoke(app, arguments, catch_exceptions=False)
 
 
 def test_ground_truth_photos_within_a_pixel(shared_data, tmp_path):

@@ -199,6 +199,10 @@ def check_options(out: str | Path, options: ZipmapOptions, inputs: Iterable[str 
         raise FexelError(f"--fallbackSize: {options.fallback_size}, expected at least 1 pixel")
     if not options.max_error_px > 0.0:
         raise FexelError(f"--max-error: {options.max_error_px}, expected a positive number of pixels")
+    if not options.min_gain >= 0.0:
+        raise FexelError(f"--min-gain: {options.min_gain}, expected a number that is not negative")
+    if options.jobs < 1:
+        raise FexelError(f"--jobs: {options.jobs}, expected at least 1")
     check_output(out, [*inputs, *([options.mesh] if options.mesh else [])])
     return load_surface(options.mesh) if options.mesh else None
 

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,7 +25,7 @@ import numpy as np
 
 from fexel.errors import FexelError
 
-__all__ = ["PhotoReport", "ZipmapReport", "write_report"]
+__all__ = ["PhotoReport", "ZipmapReport", "check_report", "write_report"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +66,31 @@ class ZipmapReport:
     def as_json(self) -> dict:
         """The whole report."""
         return {"root": self.root, "photos": [photo.as_json() for photo in self.photos]}
+
+
+def check_report(file: str | Path, others: Iterable[str | Path] = ()) -> None:
+    """See to it, before any work, that the report can be written.
+
+    Parameters
+    ----------
+    file : str or Path
+    others : iterable of str or Path
+        The run's inputs and its other output, which the report must not replace.
+
+    Raises
+    ------
+    FexelError
+        Missing or unwritable folder, a folder or an unwritable file in the way, or one of the others.
+    """
+    path = Path(file)
+    if not path.parent.is_dir():
+        raise FexelError(f"{file}: the folder {path.parent} does not exist")
+    if path.is_dir():
+        raise FexelError(f"{file}: is a folder, expected a file name for the report")
+    if not os.access(path.parent, os.W_OK | os.X_OK):
+        raise FexelError(f"{file}: the folder {path.parent} cannot be written to")
+    if any(path.resolve() == Path(other).resolve() for other in others):
+        raise FexelError(f"{file}: is a photo or the output itself, expected another file for the report")
 
 
 def write_report(report: ZipmapReport, file: str | Path) -> None:

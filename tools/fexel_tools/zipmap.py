@@ -20,7 +20,7 @@ from fexel_tools.photo_graph import PhotoGraph, build_graph
 from fexel_tools.photo_links import find_links
 from fexel_tools.photos import Photo, probe_photo
 from fexel_tools.progress import Progress, silent
-from fexel_tools.report import PhotoReport, ZipmapReport, write_report
+from fexel_tools.report import PhotoReport, ZipmapReport, check_report, write_report
 
 __all__ = ["make_zipmap"]
 
@@ -65,7 +65,9 @@ def make_zipmap(
     options = options or ZipmapOptions()
     step = progress or silent
     files = [str(f) for f in files]
-    root = _check_input(files, options, report)
+    root = _check_input(files, options)
+    if report is not None:
+        check_report(report, [out, *files])
     surface = check_options(out, options, files)
     photos, unusable = _probe_all(files)
     if root is not None and root in unusable:
@@ -91,7 +93,7 @@ def make_zipmap(
     return result
 
 
-def _check_input(files: list[str], options: ZipmapOptions, report: str | Path | None) -> int | None:
+def _check_input(files: list[str], options: ZipmapOptions) -> int | None:
     """What can be known to fail before any work is done; returns the number of the root asked for."""
     if not files:
         raise FexelError("no photo given, expected at least one")
@@ -99,8 +101,6 @@ def _check_input(files: list[str], options: ZipmapOptions, report: str | Path | 
     if missing:
         more = f" (and {len(missing) - 1} more)" if len(missing) > 1 else ""
         raise FexelError(f"{missing[0]}: no such file{more}")
-    if report is not None and not Path(report).absolute().parent.is_dir():
-        raise FexelError(f"{report}: the folder {Path(report).parent} does not exist")
     return _find_root(files, options.root) if options.root else None
 
 

@@ -11,12 +11,17 @@ import typer
 __all__ = ["register"]
 
 
+_NOT_PLACED = ("root", "report", "max_error", "min_gain")  # options that are about unordered photos
+_NOT_OVER_A_STAGE = ("primitive", "mesh")  # a stage with placed patches has its own surfaces
+
+
 def register(app: typer.Typer) -> None:
     """Add the command."""
     app.command("zipmap")(_zipmap)
 
 
 def _zipmap(
+    context: typer.Context,
     photos: Annotated[
         list[str] | None, typer.Argument(help="Photos of one surface, in any order, of any format.", show_default=False)
     ] = None,
@@ -62,6 +67,8 @@ def _zipmap(
 
     if bool(photos) == bool(place):
         raise FexelError("expected photos or --place LAYOUT" + (", not both" if photos else ""))
+    if place:
+        _refuse_unused(context, place)
     options = _options(root, max_error, tau, fallback_size, primitive, mesh, bits, jobs, min_gain, not keep_colors)
     with progress_bars() as progress:
         if place:
@@ -74,6 +81,21 @@ def _zipmap(
         result = make_zipmap(photos or [], output, options, report=report, progress=progress)
     for photo in result.photos:
         _tell(photo)
+
+
+def _refuse_unused(context: typer.Context, place: str) -> None:
+    """An option that was given but would change nothing is an error."""
+    from fexel.errors import FexelError
+
+    of_yaml = Path(place).suffix.lower() in (".yaml", ".yml")
+    for parameter in context.command.params:
+        source = context.get_parameter_source(parameter.name or "")
+        if source is None or source.name != "COMMANDLINE":
+            continue
+        if parameter.name in _NOT_PLACED:
+            raise FexelError(f"{parameter.opts[0]}: does not apply to --place, which takes every patch as it is placed")
+        if parameter.name in _NOT_OVER_A_STAGE and not of_yaml:
+            raise FexelError(f"{parameter.opts[0]}: does not apply to --place {place}, which has its own surfaces")
 
 
 def _options(root, max_error, tau, fallback_size, primitive, mesh, bits, jobs, min_gain, match_colors):
