@@ -193,8 +193,8 @@ def time_alternately(
 
 
 def shared_data() -> Path | None:
-    """Photos beside the checkout that are not part of it, or None."""
-    folder = REPOSITORY.parent / "shared" / "data"
+    """Photos that are not part of the repository: FEXEL_DATA, else a folder beside the checkout; or None."""
+    folder = Path(os.environ.get("FEXEL_DATA") or REPOSITORY.parent / "shared" / "data")
     return folder if folder.is_dir() else None
 
 

@@ -25,10 +25,10 @@ def rng():
 
 @pytest.fixture
 def shared_data():
-    """Real photos and meshes beside the checkout, where there are any; a test that needs them skips without."""
-    folder = REPOSITORY.parent / "shared" / "data"
+    """Real photos and meshes that are not part of the repository: FEXEL_DATA, else beside the checkout; or skip."""
+    folder = Path(os.environ.get("FEXEL_DATA") or REPOSITORY.parent / "shared" / "data")
     if not folder.is_dir():
-        pytest.skip("the shared photo collection is not beside this checkout")
+        pytest.skip("no shared photo collection: set FEXEL_DATA to its folder")
     return folder
 
 
