@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import cv2
 import numpy as np
 
-from bench.harness import Row, progress, shared_data, time_alternately
+from bench.harness import Curve, Row, progress, shared_data, time_alternately
 from bench.registration_truth import PHOTOS, Case, corner_error, load_photo, make_case, make_chain
 from fexel_tools.features import Features, detect_features
 from fexel_tools.registration import register_features, register_pair
@@ -202,3 +203,69 @@ def _time_row(folder, repeats) -> Row:
         spread=times["ours"].spread_s,
         samples=repeats,
     )
+
+
+def curves(quick: bool) -> Iterator[Curve]:
+    """Success against scale on few pairs, with the median time of a pair: ours, and OpenCV's usual pipeline."""
+    folder = shared_data()
+    if folder is None:
+        return
+    scales = (4, 12, 24) if quick else tuple(_TARGETS)
+    ways = {"fexel": _our_matrix, "OpenCV: SIFT, ratio test, MAGSAC": _sift_matrix}
+    successes = {label: {scale: [] for scale in scales} for label in ways}
+    seconds = {label: [] for label in ways}
+    for scale, case in _few_cases(folder, scales, PHOTOS[:2] if quick else PHOTOS[:5]):
+        for label, way in ways.items():
+            start = time.perf_counter()
+            matrix = way(case)
+            seconds[label].append(time.perf_counter() - start)
+            successes[label][scale].append(_is_right(matrix, case))
+    for label, by_scale in successes.items():
+        yield Curve(
+            plot="registration",
+            label=f"{label} ({np.median(seconds[label]):.1f} s a pair)",
+            x=[float(scale) for scale in scales],
+            y=[100 * float(np.mean(by_scale[scale])) if by_scale[scale] else float("nan") for scale in scales],
+            x_label="scale between the photos, width 1024",
+            y_label=f"success, % of about {len(by_scale[scales[0]])} pairs each",
+            x_log=True,
+            ours=label == "fexel",
+        )
+
+
+def _few_cases(folder: Path, scales, names) -> Iterator[tuple[int, Case]]:
+    """One pair of each photo and scale, the same as of `rows`."""
+    for index, name in enumerate(progress(names, "registration, curves")):
+        photo = load_photo(folder / name)
+        for scale in scales:
+            case = make_case(Path(name).stem, photo, scale, np.random.default_rng([_SEED, index, scale, 0]))
+            if case is not None:
+                yield scale, case
+
+
+def _is_right(matrix: np.ndarray | None, case: Case) -> bool:
+    if matrix is None:
+        return False
+    height, width = case.child.shape[:2]
+    return corner_error(matrix, case.matrix, width, height) < min(0.01 * width / case.scale, 1.0)
+
+
+def _our_matrix(case: Case) -> np.ndarray | None:
+    found = register_pair(case.parent, case.child)
+    return found.matrix if found.accepted else None
+
+
+def _sift_matrix(case: Case) -> np.ndarray | None:
+    """SIFT with OpenCV's defaults, ratio 0.8, MAGSAC at 3 pixels; continuous pixel coordinates."""
+    sift = cv2.SIFT_create()
+    greys = [cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) for image in (case.child, case.parent)]
+    (child, child_words), (parent, parent_words) = (sift.detectAndCompute(grey, None) for grey in greys)
+    if child_words is None or parent_words is None or len(parent_words) < 2:
+        return None
+    pairs = cv2.BFMatcher().knnMatch(child_words, parent_words, k=2)
+    kept = [best for best, second in pairs if best.distance < 0.8 * second.distance]
+    if len(kept) < 4:
+        return None
+    source = np.float64([child[match.queryIdx].pt for match in kept]) + 0.5
+    target = np.float64([parent[match.trainIdx].pt for match in kept]) + 0.5
+    return cv2.findHomography(source, target, cv2.USAC_MAGSAC, 3.0, maxIters=10_000, confidence=0.999)[0]

@@ -11,11 +11,13 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
+import cv2
 import numpy as np
 
-from bench.harness import Row
+from bench.harness import Curve, Row, time_alternately
 from bench.zipmap_stage import (
     Patch,
+    compiled_view,
     front_view,
     lookup_texture,
     pixel_st,
@@ -27,6 +29,7 @@ from bench.zipmap_stage import (
 )
 from fexel import homography
 from fexel.renderer.context import GLContext
+from fexel.renderer.program import ProgramCache
 from fexel.renderer.visible import View
 from fexel.textures.system import TextureSystem
 from fexel.textures.zipmap_twin import layer_pyramid, sample_zipmap
@@ -36,6 +39,8 @@ _TARGETS = {1: 32.0, 8: 36.0, 32: 40.0, 256: 69.0}
 _SAMPLES = 8
 _PIXELS = 128
 _TEXELS = 512
+_CURVE_PIXELS = 160
+_PROBES = (1, 2, 4, 8, 16)
 
 
 def photo_like(rng: np.random.Generator, size: int) -> np.ndarray:
@@ -100,4 +105,83 @@ def _row(setting: str, value: float, target: float, note: str) -> Row:
         reference="trilinear 32 to 36 (magnified 1 to 8), 40 (32), 69 (256)",
         samples=_PIXELS**2,
         note=note,
+    )
+
+
+def curves(quick: bool) -> Iterator[Curve]:
+    """Time of a frame against PSNR by number of anisotropic probes, and of the root texture alone.
+
+    The patch holds the detail of the middle quarter of the root, which the view magnifies 4 times.
+    """
+    with GLContext() as gl, tempfile.TemporaryDirectory() as name:
+        layers = _detail_layers()
+        files = [save(Path(name) / f"{n}.exr", layer, "float16", "raw", 20) for n, layer in enumerate(layers)]
+        patch = Patch(files[1], _middle_quarter(), color_space="raw")
+        whole = zipmap_texture(zipmap_stage(Patch(files[0], np.eye(3), children=(patch,), color_space="raw")))
+        root = zipmap_texture(zipmap_stage(Patch(files[0], np.eye(3), color_space="raw")))
+        for tilt in (60.0,) if quick else (60.0, 80.0):
+            view = tilted_view((0.5, 0.5), 0.3, tilt, _CURVE_PIXELS, _CURVE_PIXELS)
+            truth = _supersampled([layer_pyramid(layer, n > 0)[:1] for n, layer in enumerate(layers)], whole, view)
+            zipmap = _cost_and_quality(gl, whole, view, truth, _PROBES, 3 if quick else 9)
+            yield _curve(f"zipmap, tilted {tilt:g} degrees, by probes", zipmap, True)
+            alone = _cost_and_quality(gl, root, view, truth, (1, 16), 3 if quick else 9)
+            yield _curve(f"root texture alone, tilted {tilt:g} degrees, by probes", alone, False)
+
+
+def _middle_quarter() -> np.ndarray:
+    return homography.translate(-0.375, -0.375) @ homography.scale(4, 4)
+
+
+def _detail_layers() -> list[np.ndarray]:
+    """Root, and the patch of its middle quarter: one image, reduced and cut out, premultiplied, rim of a sixteenth."""
+    fine = photo_like(np.random.default_rng(20100504), 4 * _TEXELS)
+    root = cv2.resize(fine, (_TEXELS, _TEXELS), interpolation=cv2.INTER_AREA)
+    low = 3 * _TEXELS // 2
+    place = np.minimum(np.arange(_TEXELS) + 0.5, _TEXELS - np.arange(_TEXELS) - 0.5) / _TEXELS
+    mask = np.clip(16 * np.minimum(place[:, None], place[None, :]), 0, 1).astype(np.float32)[..., None]
+    patch = fine[low : low + _TEXELS, low : low + _TEXELS] * mask
+    return [np.concatenate([root, np.ones_like(mask)], -1), np.concatenate([patch, mask], -1)]
+
+
+def _cost_and_quality(gl, texture, view: View, truth: np.ndarray, probes, repeats: int) -> dict[int, tuple]:
+    """Milliseconds of a frame and PSNR over the pixels that show the patch, by number of probes."""
+    systems = {n: TextureSystem(gl, anisotropy=float(n)) for n in probes}
+    programs = ProgramCache(gl)
+    target = gl.framebuffer([gl.renderbuffer((view.width, view.height), 4, dtype="f2")])
+    st, jacobian, _ = pixel_st(view)
+    shown = (np.abs(np.nan_to_num(st, nan=9) - 0.5) < 0.125).all(axis=1)
+    quality, frames = {}, {}
+    for n, system in systems.items():
+        rendered = lookup_texture(gl, texture, quad(), view, st, jacobian, system).reshape(-1, 4)[shown, :3]
+        quality[n] = float(-10 * np.log10(np.mean((rendered - truth[shown, :3]) ** 2)))
+        frames[n] = _frame(gl, target, compiled_view(gl, programs, quad(), view, (texture, system)))
+    times = time_alternately(frames, repeats=repeats)
+    for system in systems.values():
+        system.release()
+    target.release()
+    return {n: (1e3 * times[n].median_s, quality[n]) for n in probes}
+
+
+def _frame(gl, target, compiled):
+    program, binding, draw = compiled
+
+    def frame() -> None:
+        binding.apply(program)
+        target.use()
+        draw()
+        gl.finish()
+
+    return frame
+
+
+def _curve(label: str, points: dict[int, tuple], ours: bool) -> Curve:
+    return Curve(
+        plot="zipmap_quality",
+        label=label,
+        x=[milliseconds for milliseconds, _ in points.values()],
+        y=[decibels for _, decibels in points.values()],
+        x_label=f"milliseconds per frame, {_CURVE_PIXELS} x {_CURVE_PIXELS} pixels",
+        y_label="PSNR against supersampled compositing, dB",
+        ours=ours,
+        annotations=[str(n) for n in points],
     )
