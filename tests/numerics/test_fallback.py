@@ -14,6 +14,8 @@ import fexel
 from fexel import homography
 from fexel.errors import FexelError, FexelWarning
 from fexel.images import image_info, linear_to_srgb, read_linear, read_pixels
+from fexel.scene.sampling import Faults, Sampler
+from fexel.scene.shader_network import texture_coordinates
 from fexel.textures import extract_texture
 from fexel.textures.pyramid_cache import PyramidCache
 from fexel_tools import fallback
@@ -206,6 +208,41 @@ def test_data_keep_their_values(tmp_path, rng, bits, extension, dtype):
     assert shader.GetInput("sourceColorSpace").Get() == "raw"
     assert shader.GetInput("scale").Get() == Gf.Vec4f(2, 2, 2, 1)
     assert shader.GetInput("bias").Get() == Gf.Vec4f(-1, -1, -1, 0)
+
+
+def test_network_reads_what_feeds_the_texture(tmp_path, zipmap):
+    """The renderer's own reading of both, the texture and its fallback, agrees; a varname of the material's interface
+    and a value over time are copied.
+    """
+    stage = zipmap.GetPrim().GetStage()
+    material = UsdShade.Material(stage.GetPrimAtPath("/Material"))
+    material = material or UsdShade.Material.Define(stage, "/Material")
+    name = material.CreateInput("uv", Sdf.ValueTypeNames.String)
+    name.Set("UVMap")
+    reader = UsdShade.Shader.Define(stage, "/Material/Reader")
+    reader.CreateIdAttr("UsdPrimvarReader_float2")
+    reader.CreateInput("varname", Sdf.ValueTypeNames.String).ConnectToSource(name)
+    output = reader.CreateOutput("result", Sdf.ValueTypeNames.Float2)
+    for number, values in enumerate((((2, 3), 30.0, (0.1, 0.2)), ((0.5, 4), -50.0, (3, 1)))):
+        node = UsdShade.Shader.Define(stage, f"/Material/Transform{number}")
+        node.CreateIdAttr("UsdTransform2d")
+        node.CreateInput("in", Sdf.ValueTypeNames.Float2).ConnectToSource(output)
+        node.CreateInput("scale", Sdf.ValueTypeNames.Float2).Set(Gf.Vec2f(*values[0]))
+        node.CreateInput("rotation", Sdf.ValueTypeNames.Float).Set(values[1])
+        node.CreateInput("translation", Sdf.ValueTypeNames.Float2).Set(Gf.Vec2f(*values[2]))
+        output = node.CreateOutput("result", Sdf.ValueTypeNames.Float2)
+    node.GetInput("rotation").Set(90.0, 7.0)
+    UsdShade.NodeGraph(zipmap.GetPrim()).CreateInput("st", Sdf.ValueTypeNames.Float2).ConnectToSource(output)
+    fallback.author(zipmap.GetPrim(), tmp_path / "fallback.png")
+    for time in (None, 7.0):
+        ours, theirs = (
+            texture_coordinates(prim, Sampler(time), Faults())
+            for prim in (stage.GetPrimAtPath("/Material/Texture/Fallback"), zipmap.GetPrim())
+        )
+        assert ours.primvar == "UVMap"
+        np.testing.assert_array_equal(ours.transform, theirs.transform)
+    inner = stage.GetPrimAtPath("/Material/Texture/FallbackSt").GetAttribute("inputs:varname")
+    assert (inner.Get(), inner.HasAuthoredConnections()) == ("UVMap", False)
 
 
 CHECK = """

@@ -8,7 +8,9 @@ Inside the texture prim, self-contained (names and values are literal, as import
       Fallback                   Shader UsdUVTexture: inputs:file = the baked image, wrapS and wrapT of the prim,
                                  sourceColorSpace sRGB or raw, inputs:scale and bias where all layers share them,
                                  inputs:st <- FallbackSt.outputs:result
-      FallbackSt                 Shader UsdPrimvarReader_float2: inputs:varname = "st" (string)
+      FallbackSt                 Shader UsdPrimvarReader_float2: inputs:varname (string) of the reader that feeds the
+                                 prim's inputs:st, "st" where there is none; a FallbackTransform between the two
+                                 where the prim reads it through a UsdTransform2d (`fallback_coordinates`)
       outputs:rgb, r, g, b, a    <- the outputs of Fallback
 
 The image is the unit square of ``inputs:st``: eq. (1) baked in linear light with area filtering (`baking`), as fine as
@@ -31,11 +33,11 @@ from fexel.textures import extract_texture
 from fexel.textures.pyramid_cache import PyramidCache
 from fexel.textures.zipmap import ZipmapData
 from fexel_tools.baking import bake_zipmap, baked_size
+from fexel_tools.fallback_coordinates import READER_NAME, author_coordinates
 
 __all__ = ["FALLBACK_NAME", "READER_NAME", "author", "bake", "write_fallback"]
 
 FALLBACK_NAME = "Fallback"
-READER_NAME = "FallbackSt"
 _EIGHT_BIT = (".png", ".jpg", ".jpeg")
 _OUTPUTS = {
     "rgb": Sdf.ValueTypeNames.Float3,
@@ -131,16 +133,12 @@ def author(
         inputs:scale and inputs:bias where they differ from 1 and 0.
     """
     stage, base = texture_prim.GetStage(), texture_prim.GetPath()
-    reader = UsdShade.Shader.Define(stage, base.AppendChild(READER_NAME))
-    reader.CreateIdAttr("UsdPrimvarReader_float2")
-    reader.CreateInput("varname", Sdf.ValueTypeNames.String).Set("st")
-    result = reader.CreateOutput("result", Sdf.ValueTypeNames.Float2)
     texture = UsdShade.Shader.Define(stage, base.AppendChild(FALLBACK_NAME))
     texture.CreateIdAttr("UsdUVTexture")
     file = _asset_path(stage.GetEditTarget().GetLayer(), Path(image_path))
     texture.CreateInput("file", Sdf.ValueTypeNames.Asset).Set(Sdf.AssetPath(file))
     texture.CreateInput("sourceColorSpace", Sdf.ValueTypeNames.Token).Set(color_space)
-    texture.CreateInput("st", Sdf.ValueTypeNames.Float2).ConnectToSource(result)
+    texture.CreateInput("st", Sdf.ValueTypeNames.Float2).ConnectToSource(author_coordinates(texture_prim))
     for name in ("wrapS", "wrapT"):
         texture.CreateInput(name, Sdf.ValueTypeNames.Token).Set(texture_prim.GetAttribute(f"inputs:{name}").Get())
     if tuple(scale) != (1.0, 1.0, 1.0, 1.0):
