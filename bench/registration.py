@@ -228,7 +228,6 @@ def curves(quick: bool) -> Iterator[Curve]:
             y=[100 * float(np.mean(by_scale[scale])) if by_scale[scale] else float("nan") for scale in scales],
             x_label="scale between the photos, width 1024",
             y_label=f"success, % of about {len(by_scale[scales[0]])} pairs each",
-            x_log=True,
             ours=label == "fexel",
         )
 
