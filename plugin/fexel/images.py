@@ -270,7 +270,9 @@ def linear_to_srgb(linear: NDArray[np.floating]) -> NDArray[np.float32]:
 _SRGB8 = srgb_to_linear(np.arange(256) / np.float32(255))
 
 
-def to_linear(pixels: NDArray, info: ImageInfo, color_space: str = "auto") -> NDArray[np.float32]:
+def to_linear(
+    pixels: NDArray, info: ImageInfo, color_space: str = "auto", mask: NDArray[np.float32] | None = None
+) -> NDArray[np.float32]:
     """File values to linear, premultiplied RGBA.
 
     Parameters
@@ -280,6 +282,8 @@ def to_linear(pixels: NDArray, info: ImageInfo, color_space: str = "auto") -> ND
     info : ImageInfo
     color_space : str
         ``auto``, ``raw`` or ``sRGB``.
+    mask : (H, W) float32, optional
+        Alpha in [0, 1] that replaces the file's own; straight colour is kept where the file is transparent.
 
     Returns
     -------
@@ -301,16 +305,20 @@ def to_linear(pixels: NDArray, info: ImageInfo, color_space: str = "auto") -> ND
         rgba[..., :3] = _SRGB8[stored]
     elif srgb:
         colour = _as_float(stored)
-        if associated:
-            colour = colour / np.maximum(
-                alpha, 1e-6
-            )  # 1e-6 guards transparent texels, whose colour is then multiplied away
-        rgba[..., :3] = srgb_to_linear(colour)
+        rgba[..., :3] = srgb_to_linear(_straight(colour, alpha) if associated else colour)
     else:
-        rgba[..., :3] = _as_float(stored)
-    if info.alpha_channel >= 0 and (srgb or not associated):
-        rgba[..., :3] *= alpha
+        colour = _as_float(stored)
+        rgba[..., :3] = _straight(colour, alpha) if associated and mask is not None else colour
+    if mask is not None:
+        rgba[..., 3] = mask
+    if mask is not None or (info.alpha_channel >= 0 and (srgb or not associated)):
+        rgba[..., :3] *= rgba[..., 3:]
     return rgba
+
+
+def _straight(colour: NDArray[np.float32], alpha: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Associated colour divided by alpha; as it is where alpha is 0."""
+    return np.where(alpha > 0, colour / np.maximum(alpha, 1e-6), colour)  # 1e-6 guards nearly transparent texels
 
 
 def _as_float(values: NDArray) -> NDArray[np.float32]:

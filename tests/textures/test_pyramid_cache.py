@@ -45,7 +45,8 @@ def test_pyramid_in_strips_equals_that_of_the_whole_image(tmp_path, rng, monkeyp
     texels = images.read_linear(file)
     if masked:
         alpha = images.read_mask(mask, (101, 203))
-        straight = texels[..., :3] / np.maximum(texels[..., 3:], 1e-6)
+        straight = pixels[..., :3] / np.float32(np.iinfo(dtype).max)
+        straight = images.srgb_to_linear(straight) if dtype == "uint8" else straight
         texels = np.concatenate([straight * alpha[..., None], alpha[..., None]], -1)
     cache = PyramidCache()
     half = cache.facts(source, "/Zipmap").page_class == HALF
@@ -59,6 +60,24 @@ def test_pyramid_in_strips_equals_that_of_the_whole_image(tmp_path, rng, monkeyp
         else:
             tolerance = 2e-3
         assert np.abs(values - wanted).max() <= tolerance
+
+
+@pytest.mark.parametrize("name", ["a.png", "a.tif", "a.exr"])
+def test_mask_replaces_alpha_where_the_file_is_transparent(tmp_path, name):
+    """Straight files keep their colour under alpha 0; associated ones that of their own alpha."""
+    associated = name == "a.exr"
+    straight = np.float32([1.0, 0.0, 1.0])
+    pixels = np.zeros((4, 8, 4), np.float32)
+    pixels[..., 3] = 0.5 if associated else 0.0
+    pixels[..., :3] = straight * (0.5 if associated else 1.0)
+    if not associated:
+        pixels = (pixels * 255).astype(np.uint8)
+    attributes = {} if associated else {"oiio__UnassociatedAlpha": 1}
+    file = write(tmp_path / name, pixels, **attributes)
+    mask = write(tmp_path / "mask.png", np.full((4, 8, 1), 255, np.uint8))
+    texels = stored(PyramidCache(), ImageSource(file, mask, wrap=("clamp", "clamp")), 0)
+    opaque = 1.0 if texels.dtype == np.float16 else 255
+    assert np.array_equal(texels, np.broadcast_to(np.float32([1, 0, 1, 1]) * opaque, texels.shape))
 
 
 def test_pyramid_keeps_level_zero_only_once_it_is_asked_for(tmp_path, rng):

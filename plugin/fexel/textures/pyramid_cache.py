@@ -164,9 +164,8 @@ class PyramidCache:
         mask = self._mask(source, (info.width, info.height), path)
         y = 0
         for pixels in images.read_strips(info, max(2, _STRIP_TEXELS // info.width)):
-            texels = images.to_linear(pixels, info, source.color_space)
-            if mask is not None:
-                texels = _with_alpha(texels, mask[y : y + len(texels)])
+            rows = None if mask is None else mask[y : y + len(pixels)]
+            texels = images.to_linear(pixels, info, source.color_space, rows)
             y += len(texels)
             yield _scaled(texels, source)
 
@@ -204,12 +203,6 @@ def _encoded_levels(strips: Iterable[NDArray[np.float32]], facts: ImageFacts, fi
 
 def _nbytes(levels: list[NDArray | None]) -> int:
     return sum(0 if level is None else level.nbytes for level in levels)
-
-
-def _with_alpha(texels: NDArray[np.float32], alpha: NDArray[np.float32]) -> NDArray[np.float32]:
-    texels[..., :3] *= alpha[..., None] / np.maximum(texels[..., 3:], 1e-6)  # transparent texels have lost their colour
-    texels[..., 3] = alpha
-    return texels
 
 
 def _scaled(texels: NDArray[np.float32], source: ImageSource) -> NDArray[np.float32]:
