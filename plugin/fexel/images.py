@@ -33,12 +33,15 @@ __all__ = [
     "read_pixels",
     "read_strips",
     "srgb_to_linear",
+    "stores_straight_alpha",
     "to_linear",
     "write_pyramid",
 ]
 
 _LARGEST_HALF = 65504.0
 _UNASSOCIATED = "oiio:UnassociatedAlpha"
+# PNG, GIF, BMP, WebP and their like store straight colour by definition, whether OpenImageIO says so or not.
+_ASSOCIATED_UNLESS_FLAGGED = ("openexr", "tiff", "targa", "rla", "iff")
 
 
 @dataclass(frozen=True)
@@ -124,7 +127,7 @@ def image_info(path: str) -> ImageInfo:
             height=spec.height,
             channels=spec.nchannels,
             alpha_channel=_alpha_channel(spec),
-            alpha_associated=not (spec.get_int_attribute(_UNASSOCIATED, 0) or handle.format_name() == "png"),
+            alpha_associated=not stores_straight_alpha(handle.format_name(), spec),
             dtype=dtype,
             color_space=_auto_color_space(spec, dtype),
             level_sizes=_regular_levels(sizes),
@@ -135,8 +138,22 @@ def image_info(path: str) -> ImageInfo:
         handle.close()
 
 
+def stores_straight_alpha(format_name: str, spec: oiio.ImageSpec) -> bool:
+    """Whether a file's colour is not multiplied by its alpha.
+
+    Parameters
+    ----------
+    format_name : str
+        Of OpenImageIO's reader.
+    spec : OpenImageIO.ImageSpec
+        Opened with the hint ``oiio:UnassociatedAlpha`` = 1, so that the reader has not multiplied.
+    """
+    flagged = any(spec.get_int_attribute(name, 0) for name in (_UNASSOCIATED, "tiff:UnassociatedAlpha"))
+    return flagged or format_name not in _ASSOCIATED_UNLESS_FLAGGED
+
+
 def _alpha_channel(spec: oiio.ImageSpec) -> int:
-    if spec.alpha_channel >= 0:
+    if 0 <= spec.alpha_channel < spec.nchannels:  # of a GIF with alpha OpenImageIO 3.2 says 4, of 4 channels
         return spec.alpha_channel
     return spec.nchannels - 1 if spec.nchannels in (2, 4) else -1
 

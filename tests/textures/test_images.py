@@ -29,6 +29,19 @@ def test_images_png_alpha_is_multiplied_in_linear_light(tmp_path):
     assert np.abs(texels[..., 3] - 128 / 255).max() < 1e-6
 
 
+@pytest.mark.parametrize("name", ["a.png", "a.bmp", "a.tga", "a.gif", "a.webp", "a.tif"])
+def test_images_of_straight_alpha_are_multiplied_by_it(tmp_path, name):
+    pixels = np.full((8, 8, 4), (255, 255, 255, 128), np.uint8)
+    texels = images.read_linear(write(tmp_path / name, pixels, oiio__UnassociatedAlpha=1))
+    alpha = 1.0 if name == "a.gif" else 128 / 255  # GIF knows only opaque and transparent
+    assert np.abs(texels - alpha).max() < 1e-6
+
+
+def test_images_exr_alpha_is_associated(tmp_path):
+    pixels = np.full((4, 4, 4), 0.5, np.float32)
+    assert np.array_equal(images.read_linear(write(tmp_path / "a.exr", pixels)), pixels)
+
+
 @pytest.mark.parametrize(
     ("channels", "dtype", "space"), [(3, "uint8", "sRGB"), (1, "uint8", "raw"), (3, "uint16", "raw")]
 )

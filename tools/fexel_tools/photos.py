@@ -3,10 +3,11 @@
 A photo is probed once (`probe_photo`: size, format, colour space; nothing decoded) and decoded whenever its pixels are
 needed (`load_photo`, `load_preview`), so that a run over many photos never holds them all.
 
-Conventions ----------- *Upright*: the EXIF orientation is applied at once; sizes and pixel coordinates everywhere
-else are those of the photo as displayed. Images are (H, W, 3) float32, linear Rec.709, row 0 at the top; grey photos
-are replicated. Alpha is (H, W) float32 in 0..1, never multiplied into the colours (associated files are divided on
-reading).
+Conventions
+-----------
+*Upright*: the EXIF orientation is applied at once; sizes and pixel coordinates everywhere else are those of the photo
+as displayed. Images are (H, W, 3) float32, linear Rec.709, row 0 at the top; grey photos are replicated. Alpha is
+(H, W) float32 in 0..1, never multiplied into the colours (associated files are divided on reading).
 
 Colour spaces: see `photo_color`.
 """
@@ -22,10 +23,10 @@ import numpy as np
 import OpenImageIO as oiio
 
 from fexel.errors import FexelError, FexelWarning
-from fexel.images import linear_to_srgb
+from fexel.images import linear_to_srgb, stores_straight_alpha
 from fexel_tools.photo_color import SRGB_NAMES, decode_srgb_uint8, file_color_space, to_linear_rec709
 
-__all__ = ["MIN_SIDE_PX", "Photo", "load_photo", "load_preview", "probe_photo"]
+__all__ = ["MIN_SIDE_PX", "Photo", "check_mask", "load_photo", "load_preview", "probe_photo"]
 
 MIN_SIDE_PX = 16  # below this neither features nor a patch with a rim can be had
 
@@ -106,13 +107,24 @@ def probe_photo(file: str | Path) -> Photo:
         height=width if orientation >= 5 else height,
         channel_indices=channels,
         has_alpha=has_alpha,
-        associated_alpha=has_alpha and not _unassociated(image.format_name(), spec),
+        associated_alpha=has_alpha and not stores_straight_alpha(image.format_name(), spec),
         pixel_type=_pixel_type(spec),
         color_space=color_space,
         orientation=orientation,
         subimage=subimage,
         chromaticities=chromaticities,
     )
+
+
+def check_mask(file: str | Path) -> None:
+    """Decode a hand-made mask once, so that a damaged one is told before any work.
+
+    Raises
+    ------
+    FexelError
+        The file is missing, unreadable or ends early.
+    """
+    read_pixels(image_info(str(file)))
 
 
 def load_photo(photo: Photo) -> tuple[np.ndarray, np.ndarray | None]:
@@ -234,15 +246,6 @@ def _pixel_type(spec: oiio.ImageSpec) -> str:
     if name in ("half", "float", "double"):
         return "half" if name == "half" else "float"
     return "uint8" if name in ("uint8", "int8") else "uint16"
-
-
-def _unassociated(format_name: str, spec: oiio.ImageSpec) -> bool:
-    if spec.get_int_attribute("oiio:UnassociatedAlpha", 0) or spec.get_int_attribute("tiff:UnassociatedAlpha", 0):
-        return True
-    return format_name not in (
-        "openexr",
-        "tiff",
-    )  # PNG, WebP, Targa and their like store it so by definition
 
 
 def _read_pixels(photo: Photo, pixel_type: oiio.BASETYPE) -> np.ndarray:
