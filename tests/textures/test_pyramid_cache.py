@@ -5,6 +5,7 @@ import OpenImageIO as oiio
 import pytest
 
 from fexel import images, mipmaps
+from fexel.errors import FexelWarning
 from fexel.textures import pyramid_cache
 from fexel.textures.pyramid_cache import HALF, PyramidCache
 from fexel.textures.zipmap import ImageSource
@@ -78,6 +79,19 @@ def test_mask_replaces_alpha_where_the_file_is_transparent(tmp_path, name):
     texels = stored(PyramidCache(), ImageSource(file, mask, wrap=("clamp", "clamp")), 0)
     opaque = 1.0 if texels.dtype == np.float16 else 255
     assert np.array_equal(texels, np.broadcast_to(np.float32([1, 0, 1, 1]) * opaque, texels.shape))
+
+
+def test_mask_that_cannot_be_read_is_named_and_the_alpha_of_the_file_used(tmp_path):
+    file = write(tmp_path / "a.png", np.full((4, 4, 4), 128, np.uint8), oiio__UnassociatedAlpha=1)
+    source = ImageSource(file, str(tmp_path / "none.png"), wrap=("clamp", "clamp"))
+    cache = PyramidCache()
+    with pytest.warns(FexelWarning) as caught:
+        texels = stored(cache, source, 0)
+        stored(cache, source, 1)
+    assert (texels[..., 3] == 128).all()
+    (message,) = (str(warning.message) for warning in caught)
+    assert message.startswith("/Zipmap.inputs:mask: ")
+    assert message.endswith("none.png: no such file; the alpha of inputs:file is used")
 
 
 def test_pyramid_keeps_level_zero_only_once_it_is_asked_for(tmp_path, rng):

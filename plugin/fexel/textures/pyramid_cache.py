@@ -89,10 +89,13 @@ class PyramidCache:
         size, wrap = ((4, 4), ("patch", "patch")) if source.wrap[0] == "patch" else ((1, 1), ("clamp", "clamp"))
         return ImageFacts(size, HALF, wrap, None)
 
-    def _warn(self, path: str, fault: str) -> None:
-        if fault not in self._warned:
-            self._warned.add(fault)
-            warnings.warn(f"{path}.inputs:file: {fault}; inputs:fallback is shown", FexelWarning, stacklevel=2)
+    def _warn(
+        self, path: str, fault: str, attribute: str = "inputs:file", instead: str = "inputs:fallback is shown"
+    ) -> None:
+        message = f"{attribute}: {fault}; {instead}"
+        if message not in self._warned:
+            self._warned.add(message)
+            warnings.warn(f"{path}.{message}", FexelWarning, stacklevel=2)
 
     def window(self, source: ImageSource, path: str, level: int, box: tuple[int, int, int, int]) -> NDArray:
         """Texels of a window and the border of one texel around it.
@@ -174,7 +177,7 @@ class PyramidCache:
         try:
             return images.read_mask(source.mask, size) if source.mask else None
         except FexelError as error:
-            self._warn(path, str(error))
+            self._warn(path, str(error), "inputs:mask", "the alpha of inputs:file is used")
             return None
 
     def forget_pyramids(self) -> None:
