@@ -202,7 +202,8 @@ def _unless_repeated(parent: Features, photo: Features, result: Registration, ri
     for start in rivals:
         matrix, evidence = refine_placement(parent, photo, start)
         apart = np.abs(map_points(matrix[None], outline)[0] - corners).max()
-        if apart > (0.5 if result.by_features else 0.1) * footprint and evidence.detail > result.score - _RIVAL_DETAIL:
+        as_good = evidence.detail > result.score - _RIVAL_DETAIL and evidence.agreeing >= _MIN_AGREEING
+        if as_good and apart > (0.5 if result.by_features else 0.1) * footprint:
             return replace(result, accepted=False, matrix=None, reason="it fits in several places equally well")
     return result
 
