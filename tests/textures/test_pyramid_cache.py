@@ -86,8 +86,7 @@ def test_mask_that_cannot_be_read_is_named_and_the_alpha_of_the_file_used(tmp_pa
     source = ImageSource(file, str(tmp_path / "none.png"), wrap=("clamp", "clamp"))
     cache = PyramidCache()
     with pytest.warns(FexelWarning) as caught:
-        texels = stored(cache, source, 0)
-        stored(cache, source, 1)
+        texels, _ = (stored(cache, source, level) for level in (0, 1))
     assert (texels[..., 3] == 128).all()
     (message,) = (str(warning.message) for warning in caught)
     assert message.startswith("/Zipmap.inputs:mask: ")

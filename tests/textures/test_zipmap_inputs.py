@@ -101,6 +101,34 @@ def test_patch_scale_and_bias_are_its_own(gl, animated, shared):
     assert np.abs(frame[1, 1, :3] - ([0.25, 0.5, 0] if shared else [0, 0, 0])).max() < 2e-3
 
 
+@pytest.mark.parametrize(
+    ("scale", "bias"),
+    [
+        ((2, 2, 2, 1), (-1, -1, -1, 0)),
+        ((0.5, 0, 1, 1), (0, 0.25, 0, 0)),
+        ((1, 1, 1, 0.5), (0, 0, 0, 0.25)),
+        ((900, 1, 1, 1), (-450, 0, 0, 0)),
+    ],
+)
+@pytest.mark.parametrize("missing", ["root", "patch"])
+@pytest.mark.parametrize("alone", [False, True])
+@pytest.mark.filterwarnings("ignore::fexel.errors.FexelWarning")
+def test_fallback_has_neither_scale_nor_bias(gl, tmp_path, animated, missing, scale, bias, alone):
+    stage, patch = animated
+    root = stage.GetPrimAtPath("/Zipmap")
+    prim = root if missing == "root" else patch
+    prim.GetAttribute("inputs:file").Set(Sdf.AssetPath(str(tmp_path / "missing.png")))
+    prim.CreateAttribute("inputs:fallback", Sdf.ValueTypeNames.Float4).Set(Gf.Vec4f(0.5, 0.25, 0.75, 1))
+    set_scale_bias(prim, scale, bias)
+    if not alone:
+        set_scale_bias(patch if missing == "root" else root, scale, bias)
+    elif missing == "root":
+        patch.SetActive(False)
+    frame = render_texture(gl, zipmap_texture(stage), quad(), VIEW)
+    place = (slice(1, 3), slice(20, 28)) if missing == "root" else INSIDE
+    assert np.abs(frame[place] - [0.5, 0.25, 0.75, 1]).max() < 2e-3
+
+
 def lit_stage(texture_stage, name, kind, output):
     """The zipmap on an input of a material, on a quad under a slanting light."""
     stage = texture_stage

@@ -160,7 +160,7 @@ class PyramidCache:
         r, g, b, a = source.fallback
         width, height = facts.size
         row = np.broadcast_to(np.array([r * a, g * a, b * a, a], np.float32), (1, width, 4))
-        return _encoded_levels((_scaled(row, source) for _ in range(height)), facts, first)
+        return _encoded_levels((row for _ in range(height)), facts, first)  # scale and bias do not apply
 
     def _strips(self, source: ImageSource, info: images.ImageInfo, path: str) -> Iterator[NDArray[np.float32]]:
         """Level 0 as it is shown, linear and premultiplied, from top to bottom."""

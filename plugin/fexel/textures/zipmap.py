@@ -32,6 +32,7 @@ PRIM_TYPES = ("ZipmapTexture", "UsdUVTexture")
 _SRGB_NAMES = {"srgb", "srgb_texture", "srgb_rec709_scene", "srgb_rec709_display", "srgb - texture"}
 _SCALE_ONE, _BIAS_ZERO = (1.0, 1.0, 1.0, 1.0), (0.0, 0.0, 0.0, 0.0)
 _IDENTITY = (_SCALE_ONE, _BIAS_ZERO)
+_LARGEST_FALLBACK = 1024.0
 _NO_FALLBACK = (0.0, 0.0, 0.0, 0.0)
 _WRAP_MODES = ("black", "clamp", "repeat", "mirror", "useMetadata")
 
@@ -53,7 +54,7 @@ class ImageSource:
     scale, bias : 4-tuples
         Applied to texels; identity when all layers share theirs (`ZipmapData.scale`).
     fallback : 4-tuple
-        Linear rgba, straight alpha, shown when the image cannot be read.
+        Linear rgba, straight alpha, shown when the image cannot be read; `scale` and `bias` do not apply to it.
     """
 
     file: str
@@ -140,14 +141,13 @@ def extract(prim: Usd.Prim, time: Usd.TimeCode) -> ZipmapData:
     layers = list(_layers(prim, time))
     matrices, usable = _compose(layers)
     layers = [layer for layer, shown in zip(layers, usable, strict=True) if shown]
-    scales = {(layer.source.scale, layer.source.bias) for layer in layers}
-    shared = scales.pop() if len(scales) == 1 else None
+    shared = _shared_scale([layer.source for layer in layers])
     numbers: dict[ImageSource, int] = {}
     index = []
     for layer in layers:
         source = layer.source
         if shared and shared != _IDENTITY:
-            source = replace(source, scale=_SCALE_ONE, bias=_BIAS_ZERO)
+            source = replace(source, scale=_SCALE_ONE, bias=_BIAS_ZERO, fallback=_unscaled(source))
         index.append(numbers.setdefault(source, len(numbers)))
     return ZipmapData(
         paths=tuple(str(layer.prim.GetPath()) for layer in layers),
@@ -158,6 +158,31 @@ def extract(prim: Usd.Prim, time: Usd.TimeCode) -> ZipmapData:
         scale=shared[0] if shared else _SCALE_ONE,
         bias=shared[1] if shared else _BIAS_ZERO,
     )
+
+
+def _shared_scale(sources: list[ImageSource]) -> tuple[tuple[float, ...], tuple[float, ...]] | None:
+    """Scale and bias that can be applied to the blended result and yet leave every fallback as authored.
+
+    They must be the same everywhere and have an inverse that half floats hold: beyond a bias of 2 the fallback would
+    lose 8-bit steps. A scaled alpha does not commute with blending, nor can alpha 0 be scaled back.
+    """
+    scale, bias = sources[0].scale, sources[0].bias
+    if any((source.scale, source.bias) != (scale, bias) for source in sources):
+        return None
+    if (scale, bias) == _IDENTITY:
+        return _IDENTITY
+    if not all(scale) or max(map(abs, bias)) > 2.0:
+        return None
+    fallbacks = [_unscaled(source) for source in sources]
+    if (scale[3], bias[3]) != (1.0, 0.0) and (len(sources) > 1 or fallbacks[0][3] <= 0.0):
+        return None
+    largest = max(abs(value) for fallback in fallbacks for value in fallback)
+    return (scale, bias) if largest <= _LARGEST_FALLBACK else None
+
+
+def _unscaled(source: ImageSource) -> tuple[float, ...]:
+    """The fallback before scale and bias, neither of which applies to it."""
+    return tuple((v - b) / s for v, s, b in zip(source.fallback, source.scale, source.bias, strict=True))
 
 
 def _layers(root: Usd.Prim, time: Usd.TimeCode) -> Iterator[_Layer]:
