@@ -102,7 +102,7 @@ def _sparse_system(child: np.ndarray, parent: np.ndarray) -> tuple[scipy.sparse.
     """Matrix of the five-point Laplacian inside, and right sides (N, 3): of the correction, parent minus child."""
     height, width = child.shape[0] - 2, child.shape[1] - 2
     rows_, columns = (scipy.sparse.diags([-1.0, 2.0, -1.0], [-1, 0, 1], (n, n)) for n in (height, width))
-    ring = (parent - child).astype(np.float64)
+    ring = parent.astype(np.float64) - child
     right = np.zeros((height, width, 3))
     right[0], right[-1] = ring[0, 1:-1], ring[-1, 1:-1]
     right[:, 0] += ring[1:-1, 0]
