@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import yaml
-from pxr import Gf, Sdf, Usd, UsdGeom
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdShade
 
 import fexel
 from fexel import homography
 from fexel.errors import FexelError
 from fexel.images import image_info, read_linear
+from fexel.textures import extract_texture
 from fexel_tools.authoring import ZipmapOptions
 from fexel_tools.layout import place_zipmap, read_layout
 from tests.authoring.synthetic_photos import write_image
@@ -232,3 +233,81 @@ def test_inputs_in_the_folder_of_textures_are_kept(placed_stage, pictures):
         with pytest.raises(FexelError, match=message):
             place_zipmap(place, pictures / "own.usda", ZipmapOptions(fallback_size=16))
     assert {p.name for p in (pictures / "own_textures").iterdir()} == {"wall.png", "door.png"}
+
+
+@pytest.mark.parametrize("damage", ["text", "cut"])
+def test_unreadable_mask_is_told_before_the_work(placed_stage, pictures, damage, monkeypatch):
+    whole = (pictures / "mask.png").read_bytes()
+    (pictures / "mask.png").write_bytes(b"no picture" if damage == "text" else whole[: len(whole) // 2])
+    layout = write_layout(pictures, patches=[{"file": "door.png", "rect": [20, 10, 100, 70], "mask": "mask.png"}])
+    for module in ("authoring", "placed_stage"):
+        monkeypatch.setattr(f"fexel_tools.{module}.write_textures", lambda *a, **k: pytest.fail("work was begun"))
+    for place in (layout, placed_stage):
+        with pytest.raises(FexelError, match=r"mask\.png"):
+            place_zipmap(place, pictures / "out.usda")
+
+
+def test_layout_that_holds_itself_is_told_in_one_line(pictures):
+    (pictures / "layout.yaml").write_text(
+        "{root: wall.png, patches: &p [{file: door.png, rect: [1, 2, 9, 9], children: *p}]}", "utf-8"
+    )
+    with pytest.raises(FexelError, match=r"patches\[0\]\.children\[0\]: is its own descendant"):
+        place_zipmap(pictures / "layout.yaml", pictures / "out.usda")
+
+
+@pytest.mark.parametrize(
+    "place",
+    [
+        {"matrix": [[0, 0, 0]] * 3},
+        {"matrix": [[1e308, 0, 0], [0, 1e308, 0], [0, 0, 0]]},
+        {"corners": [[1e308, 0], [-1e308, 3], [1e308, -1e308], [0, 9]]},
+    ],
+)
+@pytest.mark.filterwarnings("error")
+def test_placement_without_an_inverse_is_told_without_warnings(pictures, place):
+    layout = write_layout(pictures, patches=[{"file": "door.png", **place}])
+    with pytest.raises(FexelError, match=r"patches\[0\]: the placement is singular"):
+        place_zipmap(layout, pictures / "out.usda")
+
+
+def test_stages_are_written_without_a_word_from_usd(placed_stage, pictures, capfd):
+    place_zipmap(placed_stage, pictures / "done.usda", ZipmapOptions(fallback_size=16))
+    layout = write_layout(pictures, patches=[{"file": "door.png", "rect": [20, 10, 100, 70]}])
+    mesh = Usd.Stage.CreateNew(str(pictures / "mesh.usda"))
+    from fexel_tools.geometry import define_surface, primitive
+
+    mesh.SetDefaultPrim(UsdGeom.Xform.Define(mesh, "/M").GetPrim())
+    define_surface(mesh, "/M/Quad", primitive("quad", 2.0), UsdShade.Material.Define(mesh, "/M/Old"))
+    mesh.Save()
+    place_zipmap(layout, pictures / "out.usda", ZipmapOptions(fallback_size=16, mesh=str(pictures / "mesh.usda")))
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("way", ["metadata", "connected", "connected space"])
+def test_colour_space_and_connection_of_a_file_count_as_they_do_for_the_renderer(placed_stage, pictures, way):
+    """The door's picture is said to be raw, or comes over a connection; what is written shows it so."""
+    stage = open_stage(placed_stage)
+    door = fexel.ZipmapTexture(stage.GetPrimAtPath("/Set/Wall/Door"))
+    if way == "metadata":
+        door.GetFileAttr().SetColorSpace("raw")
+    elif way == "connected":
+        graph = UsdShade.NodeGraph.Define(stage, "/Set/Graph")
+        file = graph.CreateInput("picture", Sdf.ValueTypeNames.Asset)
+        file.Set(Sdf.AssetPath("./sign.png"))
+        file.GetAttr().SetColorSpace("raw")
+        door.GetFileAttr().Set(Sdf.AssetPath("./door.png"))
+        UsdShade.Input(door.GetFileAttr()).ConnectToSource(file)
+    else:
+        graph = UsdShade.NodeGraph.Define(stage, "/Set/Graph")
+        space = graph.CreateInput("space", Sdf.ValueTypeNames.Token)
+        space.Set("raw")
+        UsdShade.Input(door.CreateSourceColorSpaceAttr()).ConnectToSource(space)
+    stage.Save()
+    place_zipmap(placed_stage, pictures / "done.usda", ZipmapOptions(fallback_size=16, match_colors=False))
+    done = open_stage(pictures / "done.usda")
+    _, data = extract_texture(done.GetPrimAtPath("/Set/Wall"), Usd.TimeCode.Default())
+    source = data.sources[data.source_index[1]]
+    assert source.file == str(pictures / "done_textures" / "Door.tif")
+    shown = read_linear(source.file, source.color_space)[28:32, 38:42]
+    original = read_linear(str(pictures / ("sign.png" if way == "connected" else "door.png")), "raw")[28:32, 38:42]
+    np.testing.assert_allclose(shown[..., :3] / shown[..., 3:], original[..., :3], atol=0.01)

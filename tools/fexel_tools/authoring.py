@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from pxr import Usd
+from pxr import Sdf, Usd
 
 from fexel.errors import FexelError
 from fexel_tools import zipmap_stage
@@ -146,9 +146,12 @@ def author_stage(
         step("fallback", 0, 1)
         texture = stage.GetPrimAtPath(zipmap_stage.TEXTURE_PATH)
         fallback.write_fallback(texture, staged.textures / "fallback.png", options.fallback_size)
-        if surface.source:
-            reference_source(stage.GetRootLayer(), "/World/Surface", surface, Path(out).parent)
         stage.GetRootLayer().Save()
+        del stage, texture  # what is authored next is relative to `out`, where no stage may look for it yet
+        if surface.source:
+            layer = Sdf.Layer.FindOrOpen(str(staged.stage))
+            reference_source(layer, "/World/Surface", surface, Path(out).parent)
+            layer.Save()
         step("fallback", 1, 1)
 
 

@@ -34,7 +34,7 @@ import numpy as np
 from fexel.errors import FexelError
 from fexel_tools.authoring import PlannedPatch, ZipmapOptions, author_stage, check_options, prim_names
 from fexel_tools.coverage import clip_convex, rectangle
-from fexel_tools.photos import probe_photo
+from fexel_tools.photos import check_mask, probe_photo
 from fexel_tools.progress import Progress
 from fexel_tools.staged_output import check_output
 
@@ -89,6 +89,8 @@ def read_layout(layout: str | Path, options: ZipmapOptions) -> tuple[PlannedPatc
         data = yaml.safe_load(Path(layout).read_text("utf-8"))
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise FexelError(f"{layout}: is not YAML: {' '.join(str(error).split())}") from error
+    except RecursionError:
+        raise FexelError(f"{layout}: is nested too deeply to be read") from None
     where = f"{layout}"
     if not isinstance(data, dict) or "root" not in data:
         raise FexelError(f"{where}: expected a mapping with the keys root and patches")
@@ -111,6 +113,7 @@ def read_layout(layout: str | Path, options: ZipmapOptions) -> tuple[PlannedPatc
 def _flatten(where: str, entries: Any, parent: int | None, place: str) -> list[tuple[dict, int | None, str]]:
     """Entries depth first, each with the number of its parent and its place in the file."""
     found: list[tuple[dict, int | None, str]] = []
+    above: list[int] = []
 
     def visit(items: Any, parent: int | None, place: str) -> None:
         if not isinstance(items, list):
@@ -120,8 +123,12 @@ def _flatten(where: str, entries: Any, parent: int | None, place: str) -> list[t
             if not isinstance(entry, dict) or "file" not in entry:
                 raise FexelError(f"{where}: {here}: expected a mapping with the key file")
             _known(f"{where}: {here}", entry, _KEYS)
+            if id(entry) in above:  # an alias of YAML
+                raise FexelError(f"{where}: {here}: is its own descendant, expected patches that end")
             found.append((entry, parent, here))
+            above.append(id(entry))
             visit(entry.get("children") or [], len(found) - 1, f"{here}.children")
+            above.pop()
 
     visit(entries, parent, place)
     return found
@@ -159,13 +166,16 @@ def _read_patch(
         raise FexelError(f"{where}: tau is {tau}, expected a positive number")
     if colors not in ("match", "keep"):
         raise FexelError(f"{where}: colors is '{colors}', expected match or keep")
+    mask = _file(where, folder, entry["mask"]) if entry.get("mask") else ""
+    if mask:
+        check_mask(mask)
     patch = PlannedPatch(
         name=name,
         parent=parent,
         photo=photo,
         window=(0, 0, photo.width, photo.height),
         root_from_photo=matrix,
-        mask=_file(where, folder, entry["mask"]) if entry.get("mask") else "",
+        mask=mask,
         opacity=float(opacity),
         tau=tau,
         match_colors=colors == "match" and options.match_colors,
@@ -199,14 +209,11 @@ def _homography_to(where: str, size: tuple[int, int], corners: np.ndarray) -> np
     x, y = rectangle(0, 0, *size).T
     u, v = corners.T
     zero, one = np.zeros(4), np.ones(4)
-    rows = np.concatenate(
-        [
-            np.stack([x, y, one, zero, zero, zero, -u * x, -u * y], axis=1),
-            np.stack([zero, zero, zero, x, y, one, -v * x, -v * y], axis=1),
-        ]
-    )
     try:
-        solution = np.linalg.solve(rows, np.concatenate([u, v]))
+        with np.errstate(all="ignore"):  # corners too far away to be placed are found in `_check_place`
+            left = np.stack([x, y, one, zero, zero, zero, -u * x, -u * y], axis=1)
+            right = np.stack([zero, zero, zero, x, y, one, -v * x, -v * y], axis=1)
+            solution = np.linalg.solve(np.concatenate([left, right]), np.concatenate([u, v]))
     except np.linalg.LinAlgError:
         raise FexelError(f"{where}: three of the corners lie on one line, expected a quadrilateral") from None
     return np.append(solution, 1.0).reshape(3, 3)
@@ -216,8 +223,10 @@ def _check_place(where: str, patch: PlannedPatch, root: PlannedPatch) -> Planned
     """A placement must be invertible, in front of infinity all over the patch, and touch the root."""
     matrix = patch.root_from_photo
     corners = rectangle(*patch.window)
+    largest = np.abs(matrix).max()
+    matrix = matrix / largest if 0.0 < largest < np.inf else np.zeros((3, 3))  # zeros: told as singular
     w = corners @ matrix[2, :2] + matrix[2, 2]
-    if abs(np.linalg.det(matrix / np.abs(matrix).max())) < 1e-14 or w.min() * w.max() <= 0.0:
+    if abs(np.linalg.det(matrix)) < 1e-14 or w.min() * w.max() <= 0.0:
         raise FexelError(f"{where}: the placement is singular or reaches infinity inside the patch")
     matrix = matrix / (matrix[2] @ [patch.photo.width / 2.0, patch.photo.height / 2.0, 1.0])
     outline = np.column_stack([corners, np.ones(4)]) @ matrix.T

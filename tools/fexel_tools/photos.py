@@ -23,7 +23,7 @@ import numpy as np
 import OpenImageIO as oiio
 
 from fexel.errors import FexelError, FexelWarning
-from fexel.images import linear_to_srgb, stores_straight_alpha
+from fexel.images import image_info, linear_to_srgb, read_pixels, stores_straight_alpha
 from fexel_tools.photo_color import SRGB_NAMES, decode_srgb_uint8, file_color_space, to_linear_rec709
 
 __all__ = ["MIN_SIDE_PX", "Photo", "check_mask", "load_photo", "load_preview", "probe_photo"]

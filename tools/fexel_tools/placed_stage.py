@@ -8,19 +8,23 @@ automatic one. Root textures, matrices, opacities and everything else are the ar
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+import warnings
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from pxr import Sdf, Usd, UsdGeom
 
 import fexel
-from fexel.errors import FexelError
+from fexel.errors import FexelError, FexelWarning
+from fexel.images import image_info
 from fexel.stage import open_stage
+from fexel.textures.zipmap import ImageSource, ZipmapData, extract
+from fexel_tools import fallback
 from fexel_tools.authoring import ZipmapOptions, prim_names
 from fexel_tools.inspect import zipmap_roots
 from fexel_tools.patches import PatchJob, write_textures
-from fexel_tools.photos import Photo, probe_photo
+from fexel_tools.photos import Photo, check_mask, probe_photo
 from fexel_tools.progress import Progress, silent
 from fexel_tools.staged_output import StagedOutput, check_output, staged_output
 from fexel_tools.zipmap_stage import st_from_pixels
@@ -35,9 +39,15 @@ _METADATA = (
 
 @dataclass(frozen=True, eq=False)
 class _PlacedPatch:
-    prim: Usd.Prim
+    """A texture of the nest; `color_space` is what the renderer decodes its file by: sRGB or raw."""
+
+    path: Sdf.Path
     photo: Photo
-    job: PatchJob
+    color_space: str
+    root_from_photo: np.ndarray
+    opacity: float
+    mask: str
+    is_root: bool
 
 
 def complete_stage(
@@ -48,41 +58,54 @@ def complete_stage(
     Raises
     ------
     FexelError
-        The stage has no ZipmapTexture with patches, or an image is missing or unreadable.
+        The stage has no ZipmapTexture, an image is missing or unreadable, a matrix has no inverse, or the output would
+        replace an input.
     """
-    from fexel_tools import fallback
-
     stage = open_stage(source)
     roots = zipmap_roots(stage)
     if not roots:
         raise FexelError(f"{source}: holds no ZipmapTexture")
-    check_output(out, _files_of(stage, roots))
-    step = progress or silent
+    placed = [_placed_patches(root) for root in roots]
+    layers = [layer.realPath for layer in stage.GetUsedLayers() if layer.realPath]
+    check_output(out, layers + [file for nest in placed for p in nest for file in (p.photo.file, p.mask) if file])
     with staged_output(out) as staged:
         layer = _layer_over(Path(source), stage, staged)
-        over = Usd.Stage.Open(layer)
-        for number, root in enumerate(roots):
-            placed = _placed_patches(root, staged, options, number)
-            step("colours and textures", number, len(roots))
-            write_textures([p.job for p in placed], options.jobs)
-            for patch in placed[1:]:
-                texture = fexel.ZipmapTexture(over.GetPrimAtPath(patch.prim.GetPath()))
-                texture.CreateFileAttr(Sdf.AssetPath(f"./{staged.textures.name}/{patch.job.file.name}"))
-                texture.CreateSourceColorSpaceAttr(patch.job.color_space)
-            image = staged.textures / (f"fallback_{number}.png" if number else "fallback.png")
-            fallback.write_fallback(over.GetPrimAtPath(root.GetPath()), image, options.fallback_size)
-        step("colours and textures", len(roots), len(roots))
-        over.WriteFallbackPrimTypes()
-        _set_sublayer(layer, Path(source), Path(out).parent)
+        _complete(layer, placed, staged, options, progress or silent)
+        _set_sublayer(layer, Path(source), Path(out).parent)  # no stage is open on it any more
         layer.Save()
 
 
-def _files_of(stage: Usd.Stage, roots: list[fexel.ZipmapTexture]) -> list[str]:
-    """Layers, pictures and masks: what the output must not replace."""
-    files = [layer.realPath for layer in stage.GetUsedLayers() if layer.realPath]
-    for patch in (patch for root in roots for patch in root.GetPatches()):
-        files += [_asset(patch.prim, name, needed=False) for name in ("inputs:file", "inputs:mask")]
-    return [file for file in files if file]
+def _complete(
+    layer: Sdf.Layer, placed: list[list[_PlacedPatch]], staged: StagedOutput, options: ZipmapOptions, step: Progress
+) -> None:
+    """Textures and fallback of each root, and the opinions that name them."""
+    over = Usd.Stage.Open(layer)
+    for number, patches in enumerate(placed):
+        names = prim_names([p.path.name for p in patches])
+        jobs = [_job(staged, p, name, number, options) for p, name in zip(patches, names, strict=True)]
+        step("colours and textures", number, len(placed))
+        write_textures(jobs, options.jobs)
+        for patch, job in zip(patches[1:], jobs[1:], strict=True):
+            _author_file(over.GetPrimAtPath(patch.path), f"./{staged.textures.name}/{job.file.name}", job.color_space)
+        image = staged.textures / (f"fallback_{number}.png" if number else "fallback.png")
+        fallback.write_fallback(over.GetPrimAtPath(patches[0].path), image, options.fallback_size)
+    step("colours and textures", len(placed), len(placed))
+    over.WriteFallbackPrimTypes()
+
+
+def _author_file(prim: Usd.Prim, file: str, color_space: str) -> None:
+    """The new file in place of the artist's: a connection or a colour space authored below must not win over it."""
+    texture = fexel.ZipmapTexture(prim)
+    attributes = {
+        texture.CreateFileAttr(): Sdf.AssetPath(file),
+        texture.CreateSourceColorSpaceAttr(): color_space,
+    }
+    for attribute, value in attributes.items():
+        if attribute.HasAuthoredConnections():
+            attribute.SetConnections([])
+        attribute.Set(value)
+    if texture.GetFileAttr().HasColorSpace():
+        texture.GetFileAttr().SetColorSpace(color_space)
 
 
 def _layer_over(source: Path, stage: Usd.Stage, staged: StagedOutput) -> Sdf.Layer:
@@ -102,46 +125,63 @@ def _set_sublayer(layer: Sdf.Layer, source: Path, folder: Path) -> None:
     layer.subLayerPaths[:] = [relative if relative.startswith(".") else f"./{relative}"]
 
 
-def _placed_patches(
-    root: fexel.ZipmapTexture, staged: StagedOutput, options: ZipmapOptions, number: int
-) -> list[_PlacedPatch]:
+def _placed_patches(root: fexel.ZipmapTexture) -> list[_PlacedPatch]:
+    """The nest as the renderer reads it, connections followed, with its photos probed and its masks read once."""
     patches = [p for p in root.GetPatches() if fexel.ZipmapTexture(p.prim)]
-    photos = [probe_photo(_asset(p.prim, "inputs:file")) for p in patches]
-    names = prim_names([p.prim.GetName() for p in patches])
-    root_st_from_pixels = st_from_pixels((0, 0, photos[0].width, photos[0].height))
-    placed = []
-    for patch, photo, name in zip(patches, photos, names, strict=True):
-        relative = patch.root_to_patch if patch.path != root.GetPath() else np.eye(3)
-        if patch.path != root.GetPath():
-            relative = np.linalg.solve(patches[0].root_to_patch, patch.root_to_patch)
-        st_from_photo = st_from_pixels((0, 0, photo.width, photo.height))
-        root_from_photo = _invert(patch.path, root_st_from_pixels) @ _invert(patch.path, relative.T) @ st_from_photo
-        w = root_from_photo[2] @ [photo.width / 2.0, photo.height / 2.0, 1.0]
-        is_root = patch.path == root.GetPath()
-        placed.append(
-            _PlacedPatch(
-                patch.prim, photo, _job(staged, photo, name, root_from_photo / w, patch, is_root, number, options)
-            )
-        )
+    to_root = [_invert(p.path, p.root_to_patch) for p in patches]
+    data = _rendered(root.GetPrim())
+    images = dict(zip(data.paths, (data.sources[k] for k in data.source_index), strict=True))
+    placed: list[_PlacedPatch] = []
+    for patch, root_from_patch in zip(patches, to_root, strict=True):
+        if str(patch.path) not in images:
+            raise FexelError(f"{patch.path}.inputs:matrix: is singular, not finite, or maps infinity into the texture")
+        image = images[str(patch.path)]
+        photo, color_space = _photo(patch.path, image)
+        mask = _existing(patch.path, "inputs:mask", image.mask) if image.mask else ""
+        if mask:
+            check_mask(mask)
+        relative = (root_from_patch @ patches[0].root_to_patch).T if placed else np.eye(3)
+        top = placed[0].photo if placed else photo
+        root_from_st = np.linalg.inv(st_from_pixels((0, 0, top.width, top.height)))
+        matrix = root_from_st @ relative @ st_from_pixels((0, 0, photo.width, photo.height))
+        w = matrix[2] @ [photo.width / 2.0, photo.height / 2.0, 1.0]
+        placed.append(_PlacedPatch(patch.path, photo, color_space, matrix / w, patch.opacity, mask, not placed))
     return placed
 
 
-def _job(staged, photo, name, matrix, patch, is_root, number, options) -> PatchJob:
+def _rendered(prim: Usd.Prim) -> ZipmapData:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", FexelWarning)  # baking the fallback reads the same and tells
+        return extract(prim, Usd.TimeCode.Default())
+
+
+def _photo(path: Sdf.Path, image: ImageSource) -> tuple[Photo, str]:
+    """The photo, and sRGB or raw as the renderer decides; profiles and primaries that the file states are kept."""
+    photo = probe_photo(_existing(path, "inputs:file", image.file))
+    stated = image.color_space != "auto"
+    color_space = image.color_space if stated else image_info(photo.file).color_space
+    if stated or (photo.is_srgb and color_space == "raw"):
+        name = "srgb_rec709_scene" if color_space == "sRGB" else "lin_rec709_scene"
+        photo = replace(photo, color_space=name, chromaticities=None)
+    return photo, color_space
+
+
+def _job(staged: StagedOutput, patch: _PlacedPatch, name: str, number: int, options: ZipmapOptions) -> PatchJob:
+    photo, is_root = patch.photo, patch.is_root
     bits = options.bits or {"uint8": 8, "uint16": 16}.get(photo.pixel_type, "half")
     file = staged.textures / f"{name}{f'_{number}' if number else ''}{'.exr' if bits == 'half' else '.tif'}"
-    mask = _asset(patch.prim, "inputs:mask", needed=False)
     return PatchJob(
         photo=photo,
         window=(0, 0, photo.width, photo.height),
-        root_from_photo=matrix,
+        root_from_photo=patch.root_from_photo,
         file=Path(photo.file) if is_root else file,
-        bits=(8 if photo.is_srgb else "half") if is_root else bits,
+        bits=(8 if patch.color_space == "sRGB" else "half") if is_root else bits,
         is_root=is_root,
         match_colors=options.match_colors,
-        blend=not mask,
+        blend=not patch.mask,
         tau=options.tau,
         opacity=patch.opacity,
-        mask=mask,
+        mask=patch.mask,
         ready=is_root,
     )
 
@@ -152,12 +192,9 @@ def _invert(path: Sdf.Path, matrix: np.ndarray) -> np.ndarray:
     return np.linalg.inv(matrix)
 
 
-def _asset(prim: Usd.Prim, name: str, needed: bool = True) -> str:
-    value = prim.GetAttribute(name).Get()
-    if value is None or not value.path:
-        if needed:
-            raise FexelError(f"{prim.GetPath()}.{name}: names no file")
-        return ""
-    if not value.resolvedPath:
-        raise FexelError(f"{prim.GetPath()}.{name}: {value.path}: no such file")
-    return str(value.resolvedPath)
+def _existing(path: Sdf.Path, name: str, file: str) -> str:
+    if not file:
+        raise FexelError(f"{path}.{name}: names no file")
+    if not Path(file).exists():
+        raise FexelError(f"{path}.{name}: {file}: no such file")
+    return file
