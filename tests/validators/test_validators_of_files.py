@@ -70,14 +70,22 @@ def test_every_time_sample_of_a_file_is_checked(sample):
     assert sample.the_only("fexel:Files").message == "inputs:file: ./gone.png: no such file at time 2"
 
 
-def test_udim_pattern_needs_one_tile_and_checks_each(sample, image, tmp_path):
+def test_udim_pattern_needs_one_tile_checks_each_and_warns_that_they_are_not_drawn(sample, image, tmp_path):
+    def errors():
+        found = sample.found("fexel:Files")
+        (warning,) = (finding for finding in found if finding.severity == "warning")
+        assert warning.message == "inputs:file: ./tile.<UDIM>.png: <UDIM> tiles are not drawn, expected one image"
+        return [finding.message for finding in found if finding.severity == "error"]
+
     sample.patch.GetFileAttr().Set("./tile.<UDIM>.png")
-    assert "no such file" in sample.the_only("fexel:Files").message
+    (message,) = errors()
+    assert "no such file" in message
     image(tmp_path / "tile.1001.png")
     image(tmp_path / "tile.1002.png")
-    assert sample.found("fexel:Files") == []
+    assert errors() == []
     (tmp_path / "tile.1002.png").write_bytes(b"")
-    assert "tile.1002.png" in sample.the_only("fexel:Files").message
+    (message,) = errors()
+    assert "tile.1002.png" in message
 
 
 def test_texture_without_a_file_shows_its_fallback_colour_and_is_no_fault(sample):

@@ -26,6 +26,9 @@ def check_files(prim: Usd.Prim) -> Iterator[Fault]:
         for when, asset in authored_values(attribute):
             if not asset.path:
                 continue
+            if UsdShade.UdimUtils.IsUdimIdentifier(asset.path):
+                message = f"{asset.path}: <UDIM> tiles are not drawn, expected one image{when}"
+                yield Fault(attribute.GetPath(), message, is_error=False)
             try:
                 _check_asset(attribute, asset)
             except FexelError as error:
