@@ -7,7 +7,9 @@ from pxr import Gf, Sdf, UsdGeom, UsdLux, UsdShade
 import fexel
 from bench.zipmap_stage import Patch, front_view, quad, render_texture, save, zipmap_stage, zipmap_texture
 from fexel import homography
+from fexel.errors import FexelWarning
 from fexel.textures import extract_texture
+from fexel.textures.system import TextureSystem
 
 VIEW = front_view((0, 0), (1, 1), 48, 48)
 INSIDE = (slice(20, 28), slice(20, 28))
@@ -76,6 +78,18 @@ def test_patch_matrix_over_time_moves_it(gl, animated):
         assert frame[48 - row, 48 - column, 0] < 0.01
 
 
+def test_stats_do_not_grow_with_the_frames_of_an_animation(gl, animated):
+    stage, patch = animated
+    patch.GetAttribute("inputs:opacity").Set(0.0, 1)
+    patch.GetAttribute("inputs:opacity").Set(1.0, 5)
+    system = TextureSystem(gl)
+    for time in (2, 3, 4):
+        render_texture(gl, zipmap_texture(stage, time=time), quad(), VIEW, system)
+    stats = system.stats()
+    system.release()
+    assert (stats["patches_total"], stats["patches_seen"]) == (2, 2)
+
+
 def test_equal_data_at_two_times_compare_equal(animated):
     stage, patch = animated
     patch.GetAttribute("inputs:opacity").Set(0.0, 1)
@@ -127,6 +141,40 @@ def test_fallback_has_neither_scale_nor_bias(gl, tmp_path, animated, missing, sc
     frame = render_texture(gl, zipmap_texture(stage), quad(), VIEW)
     place = (slice(1, 3), slice(20, 28)) if missing == "root" else INSIDE
     assert np.abs(frame[place] - [0.5, 0.25, 0.75, 1]).max() < 2e-3
+
+
+@pytest.mark.parametrize(("kind", "missing"), [("Pinchmap", "contours"), ("Umbrella", "umbrellas")])
+def test_nested_kind_that_is_not_drawn_yet_is_said_once(gl, animated, kind, missing):
+    stage, patch = animated
+    patch.SetTypeName(f"{kind}Texture")
+    with pytest.warns(FexelWarning) as caught:
+        shown = middle(gl, stage, 1)
+    (message,) = (str(warning.message) for warning in caught)
+    assert message == (
+        f"/Zipmap/patch0: the {missing} of a {kind}Texture in a ZipmapTexture are not drawn yet; "
+        "inputs:file is shown as a plain image"
+    )
+    assert np.abs(shown - [1, 0, 0]).max() < 1e-3
+
+
+@pytest.mark.parametrize("kind", ["PinchmapTexture", "UmbrellaTexture"])
+def test_root_kind_that_is_not_drawn_yet_is_said_and_its_fallback_shown(tmp_path, animated, kind):
+    stage, _ = animated
+    lit_stage(stage, "emissiveColor", Sdf.ValueTypeNames.Color3f, "rgb").GetPrimAtPath("/Zipmap").SetTypeName(kind)
+    with pytest.warns(FexelWarning, match=f"/Zipmap: .*{kind}.*; inputs:fallback is shown") as caught:
+        fexel.render(stage, camera="Camera", width=16)
+    assert len(caught) == 1
+
+
+def test_filter_that_is_not_drawn_yet_is_said_once(gl, animated):
+    stage, patch = animated
+    fexel.TextureMinificationAPI.Apply(patch).CreateFilterAttr("anisotropic")
+    root = stage.GetPrimAtPath("/Zipmap")
+    fexel.TextureMinificationAPI.Apply(root).CreateFilterAttr("ripmap")
+    with pytest.warns(FexelWarning) as caught:
+        middle(gl, stage, 1)
+    (message,) = (str(warning.message) for warning in caught)
+    assert message == "/Zipmap.minification:filter: 'ripmap' is not drawn yet; anisotropic is shown"
 
 
 def lit_stage(texture_stage, name, kind, output):

@@ -193,7 +193,7 @@ class TextureSystem:
         self._warned = False
         self._totals: dict[str, int] = {"layers_total": 0, "dropped_levels": 0}
         self._seen_layers: set[tuple[str, str]] = set()
-        self._all_layers: dict[ZipmapData, int] = {}
+        self._all_layers: dict[str, int] = {}
 
     def begin_view(self, requests: Iterable[TextureRequest]) -> None:
         """Load what a view sees of its textures; forgets the bindings of the view before."""
@@ -277,7 +277,7 @@ class TextureSystem:
             size[layer] = self._facts(source).size
         pairs = view_pairs(tree, local_to_layer, bounds, size.astype(np.float64), self.anisotropy)
         pairs = pairs[_shows(pairs, size)]
-        self._all_layers[data] = len(data.paths)
+        self._all_layers[request.texture.path] = len(data.paths)
         self._seen_layers.update((request.texture.path, data.paths[number[layer]]) for layer in np.unique(pairs.layer))
         wrap = self._facts(data.sources[data.source_index[0]]).wrap
         return _Seen(data, number, local_to_layer, tree, pairs, image, size, wrap)

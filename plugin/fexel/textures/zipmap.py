@@ -29,6 +29,8 @@ __all__ = ["PRIM_TYPES", "ImageSource", "ZipmapData", "extract"]
 
 PRIM_TYPES = ("ZipmapTexture", "UsdUVTexture")
 
+_FILTER = "minification:filter"
+_UNDRAWN_KINDS = {"PinchmapTexture": "contours", "UmbrellaTexture": "umbrellas"}
 _SRGB_NAMES = {"srgb", "srgb_texture", "srgb_rec709_scene", "srgb_rec709_display", "srgb - texture"}
 _SCALE_ONE, _BIAS_ZERO = (1.0, 1.0, 1.0, 1.0), (0.0, 0.0, 0.0, 0.0)
 _IDENTITY = (_SCALE_ONE, _BIAS_ZERO)
@@ -193,6 +195,7 @@ def _layers(root: Usd.Prim, time: Usd.TimeCode) -> Iterator[_Layer]:
     while stack:
         prim, parent, depth = stack.pop()
         inputs = _Inputs(prim, time)
+        _warn_of_undrawn(inputs)
         yield _Layer(
             prim, parent, depth, inputs.matrix(), inputs.opacity() if depth else 1.0, _source(inputs, depth == 0)
         )
@@ -200,6 +203,19 @@ def _layers(root: Usd.Prim, time: Usd.TimeCode) -> Iterator[_Layer]:
             children = prim.GetFilteredChildren(Usd.TraverseInstanceProxies(Usd.PrimDefaultPredicate))
             stack.extend((child, number, depth + 1) for child in reversed(list(children)) if is_texture(child))
         number += 1
+
+
+def _warn_of_undrawn(inputs: _Inputs) -> None:
+    """What a prim asks for beyond an image: other kinds nested in a zipmap, other filters."""
+    prim = inputs.prim
+    undrawn = _UNDRAWN_KINDS.get(str(prim.GetTypeName()))
+    if undrawn:
+        fault = f"the {undrawn} of a {prim.GetTypeName()} in a ZipmapTexture are not drawn yet"
+        warnings.warn(f"{prim.GetPath()}: {fault}; inputs:file is shown as a plain image", FexelWarning, stacklevel=2)
+    if inputs.names_filter:
+        chosen = prim.GetAttribute(_FILTER).Get()
+        if chosen not in (None, "anisotropic"):
+            _warn(prim, _FILTER, f"{chosen!r} is not drawn yet; anisotropic is shown")
 
 
 def _compose(layers: list[_Layer]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
@@ -248,10 +264,10 @@ class _Inputs:
 
     def __init__(self, prim: Usd.Prim, time: Usd.TimeCode) -> None:
         self.prim = prim
+        names = prim.GetAuthoredPropertyNames()
+        self.names_filter = _FILTER in names
         self._attributes = {
-            name[7:]: _producer(prim.GetAttribute(name))
-            for name in prim.GetAuthoredPropertyNames()
-            if name.startswith("inputs:")
+            name[7:]: _producer(prim.GetAttribute(name)) for name in names if name.startswith("inputs:")
         }
         self._values = {name: attribute.Get(time) for name, attribute in self._attributes.items() if attribute}
 
