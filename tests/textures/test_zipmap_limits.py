@@ -1,5 +1,7 @@
 """Past the memory budget or the largest texture, coarser levels are shown, once said; nothing fails."""
 
+import warnings
+
 import numpy as np
 import pytest
 from pxr import Usd
@@ -66,6 +68,33 @@ def test_limits_many_images_share_a_page_that_is_too_small(gl, tmp_path, rng):
     assert len(caught) == 1
     centres = frame[60::120, 60::120, 0][::-1]
     assert np.abs(centres.ravel() - (np.arange(16) + 1) / 16).max() < 1 / 255
+
+
+@pytest.mark.parametrize("budget_mb", [0.25, 0.5, 1.0, 3.0])
+def test_limits_pages_stay_within_the_budget_whatever_was_seen_before(gl, tmp_path, rng, budget_mb):
+    """Images of many shapes, in 8 bits, then in half floats: what one view needed makes way for the next."""
+    system = TextureSystem(gl, memory_mb=budget_mb)
+    granule = 64 * 64 * 8  # the smallest page of half floats
+    resident = []
+    for dtype in ("uint8", "float16", "uint8"):
+        folder = tmp_path / f"{dtype}{len(resident)}"
+        folder.mkdir()
+        name = "{}.exr" if dtype == "float16" else "{}.tif"
+        children = []
+        for number in range(9):
+            texels = np.ones((*rng.integers(90, 400, 2), 4), np.float32)
+            low = np.array([number % 3, number // 3]) / 3
+            file = save(folder / name.format(number), texels, dtype)
+            children.append(Patch(file, homography.translate(*-low) @ homography.scale(3, 3)))
+        root = save(folder / name.format("root"), np.zeros((8, 8, 3), np.float32), dtype)
+        texture = zipmap_texture(zipmap_stage(Patch(root, np.eye(3), children=tuple(children))))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", FexelWarning)
+            frame = render_texture(gl, texture, quad(), front_view((0, 0), (1, 1), 900, 900), system)
+        assert np.abs(frame[150::300, 150::300, :3] - 1).max() < 1e-3
+        resident.append(system.stats()["texture_bytes"])
+    system.release()
+    assert max(resident) <= budget_mb * 2**20 + granule
 
 
 @pytest.mark.parametrize("budget_mb", [1e-6, 1.0])

@@ -98,9 +98,18 @@ class PageAtlas:
         """Texture memory."""
         return self.size[0] * self.size[1] * BYTES_PER_TEXEL[self.page_class] if self.texture else 0
 
-    def fits(self, needs: dict[Hashable, Box]) -> bool:
-        """Whether all windows have room in one page."""
-        return not self._missing(needs) or self._packed(needs) is not None
+    def bytes_for(self, needs: dict[Hashable, Box], afresh: bool = False) -> float:
+        """Most bytes of the page once it holds these windows; infinite where they have no room in one page.
+
+        What is resident stays, so that the page never shrinks, unless it is released and packed `afresh`.
+        """
+        if not afresh and not self._missing(needs):
+            return self.nbytes
+        packed = self._packed(needs) if needs else None
+        if packed is None:
+            return np.inf if needs else 0
+        nbytes = packed[0].width * self._height(packed[0]) * BYTES_PER_TEXEL[self.page_class]
+        return nbytes if afresh else max(nbytes, self.nbytes)
 
     def _missing(self, needs: dict[Hashable, Box]) -> list[Hashable]:
         return [key for key, box in needs.items() if key not in self.residents or not self.residents[key].holds(box)]
@@ -116,9 +125,9 @@ class PageAtlas:
             self.residents.update(placed)
             return missing
         packed = self._packed(needs)
-        assert packed is not None, "the caller has asked `fits`"
+        assert packed is not None, "the caller has asked `bytes_for`"
         self._shelves, self.residents = packed
-        size = self._shelves.width, self._height()
+        size = self._shelves.width, self._height(self._shelves)
         if size != self.size:
             self._allocate(*size)
         return list(needs)
@@ -134,8 +143,8 @@ class PageAtlas:
                 return shelves, placed
         return None
 
-    def _height(self) -> int:
-        bottom = self._shelves.bottom
+    def _height(self, shelves: _Shelves) -> int:
+        bottom = shelves.bottom
         return min(self.largest, _round_up(max(bottom, 1), 64 if bottom < _GROW else _GROW))
 
     def _allocate(self, width: int, height: int) -> None:

@@ -174,7 +174,8 @@ class TextureSystem:
     gl : moderngl.Context
         Current whenever a method is called.
     memory_mb : float
-        Texture memory for texels, in MiB. Past it coarser mip levels are shown; this warns once and never fails.
+        Texture memory for the pages that hold texels, in MiB; the smallest page is of 64 x 64 texels. Past it
+        coarser mip levels are shown; this warns once and never fails.
     anisotropy : float
         Most probes per lookup, >= 1; 1 is plain trilinear filtering.
     """
@@ -207,8 +208,8 @@ class TextureSystem:
         largest = min(atlas.largest for atlas in self.atlases)
         finest, dropped = drop_levels(windows, sizes, texel_bytes, self._budget, largest)
         needs = self._needs(windows, page_class)
-        while not all(atlas.fits(need) for atlas, need in zip(self.atlases, needs, strict=True)):
-            smaller = 0.8 * int((windows.texels() * texel_bytes[:, None]).sum())
+        while not self._have_room(needs):
+            smaller = 0.9 * int((windows.texels() * texel_bytes[:, None]).sum())
             further, more = drop_levels(windows, sizes, texel_bytes, smaller)
             if not more:
                 break
@@ -320,6 +321,17 @@ class TextureSystem:
             }
             for atlas in self.atlases
         ]
+
+    def _have_room(self, all_needs: list[dict]) -> bool:
+        """Whether the pages can hold these windows within the budget; makes them empty where that helps."""
+        if sum(atlas.bytes_for(needs) for atlas, needs in zip(self.atlases, all_needs, strict=True)) <= self._budget:
+            return True
+        afresh = sum(atlas.bytes_for(needs, afresh=True) for atlas, needs in zip(self.atlases, all_needs, strict=True))
+        if afresh > self._budget:
+            return False
+        for atlas in self.atlases:
+            atlas.release()
+        return True
 
     def _load(self, all_needs: list[dict]) -> None:
         for atlas, needs in zip(self.atlases, all_needs, strict=True):
