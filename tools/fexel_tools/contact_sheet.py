@@ -11,9 +11,9 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import OpenImageIO as oiio
 
 from fexel.errors import FexelError
+from fexel_tools.image_files import write_image
 
 __all__ = ["SheetRow", "contact_sheet", "write_png"]
 
@@ -96,29 +96,15 @@ def _write(page: np.ndarray, text: str, left: int, baseline: int, cap_px: int) -
 
 
 def write_png(path: Path, pixels: np.ndarray) -> None:
-    """Write (H, W, 3) uint8, sRGB-encoded, beside `path` and rename.
+    """Write (H, W, 3) uint8, sRGB-encoded, beside `path` and rename; its folder is made.
 
     Raises
     ------
     FexelError
         The file cannot be written.
     """
-    height, width, channels = pixels.shape
-    spec = oiio.ImageSpec(width, height, channels, oiio.UINT8)
-    spec.attribute("oiio:ColorSpace", "sRGB")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise FexelError(f"{path.parent}: cannot be made: {error.strerror}") from error
-    part = path.with_name(f".{path.stem}.part.png")
-    output = oiio.ImageOutput.create(str(part))
-    try:
-        if not (output and output.open(str(part), spec) and output.write_image(pixels) and output.close()):
-            reason = output.geterror() if output else oiio.geterror()
-            raise FexelError(f"{path}: cannot be written: {' '.join(reason.split())}")
-        try:
-            part.replace(path)
-        except OSError as error:
-            raise FexelError(f"{path}: cannot be written: {error.strerror}") from error
-    finally:
-        part.unlink(missing_ok=True)
+    write_image(path, pixels)

@@ -24,7 +24,6 @@ import os
 from pathlib import Path
 
 import numpy as np
-import OpenImageIO as oiio
 from pxr import Gf, Sdf, Usd, UsdShade
 
 from fexel.errors import FexelError
@@ -34,6 +33,7 @@ from fexel.textures.pyramid_cache import PyramidCache
 from fexel.textures.zipmap import ZipmapData
 from fexel_tools.baking import bake_zipmap, baked_size
 from fexel_tools.fallback_coordinates import READER_NAME, author_coordinates
+from fexel_tools.image_files import write_image
 
 __all__ = ["FALLBACK_NAME", "READER_NAME", "author", "bake", "write_fallback"]
 
@@ -190,21 +190,7 @@ def _write(path: Path, rgba: np.ndarray, color_space: str, dtype: str) -> None:
         pixels = pixels.clip(0, 1)
         pixels[:, :, :3] = linear_to_srgb(pixels[:, :, :3]) if color_space == "sRGB" else pixels[:, :, :3]
         pixels = (pixels * np.iinfo(dtype).max + 0.5).astype(dtype)
-    spec = oiio.ImageSpec(pixels.shape[1], pixels.shape[0], channels, dtype)
-    spec.attribute("oiio:ColorSpace", "srgb_rec709_scene" if color_space == "sRGB" else "lin_rec709_scene")
-    if channels == 4 and dtype != "half":
-        spec.attribute("oiio:UnassociatedAlpha", 1)
-    spec.attribute("CompressionQuality", 95)
-    beside = path.with_name(f"{path.stem}.{os.getpid()}.part{path.suffix}")
-    try:
-        writer = oiio.ImageOutput.create(str(beside))
-        ok = writer is not None and writer.open(str(beside), spec) and writer.write_image(pixels) and writer.close()
-        if not ok:
-            fault = " ".join((writer.geterror() if writer else oiio.geterror()).split())
-            raise FexelError(f"{path}: {fault or 'cannot be written'}")
-        beside.replace(path)
-    finally:
-        beside.unlink(missing_ok=True)
+    write_image(path, pixels, color_space)
 
 
 def _asset_path(layer: Sdf.Layer, path: Path) -> str:

@@ -15,12 +15,12 @@ from pxr import Gf
 
 from fexel_tools.geometry import Location, Surface, locate, look_at
 
-__all__ = ["camera_poses"]
+__all__ = ["Pose", "camera_poses"]
 
 _FOCAL_PER_APERTURE = 50.0 / 36.0  # of the cameras that zipmap_stage writes, horizontally
 _SOLO_DETAIL = 0.25  # share of the texture that Detail shows where there is no patch
 
-Pose = tuple[float, Gf.Matrix4d, float]
+Pose = tuple[float, Gf.Matrix4d, float]  # frame (NaN: stands still), camera to world, distance
 
 
 def camera_poses(

@@ -21,16 +21,18 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from pxr import Gf, Sdf, Usd, UsdGeom, UsdShade
+from pxr import Gf, Sdf, Usd, UsdShade
 
 import fexel
 from fexel_tools.consistency import apply_homography
-from fexel_tools.geometry import Surface, define_surface
+from fexel_tools.framing import Pose
+from fexel_tools.geometry import Surface
+from fexel_tools.texture_stage import MATERIALS, begin_stage, define_preview_surface, finish_stage
 
 __all__ = ["FRAMES", "TEXTURE_PATH", "PatchPrim", "create_stage", "st_from_pixels", "st_matrix"]
 
 FRAMES = (1, 48)
-TEXTURE_PATH = "/World/Materials/Zipmap/Texture"
+TEXTURE_PATH = f"{MATERIALS}/Zipmap/Texture"
 _FRAMES_PER_SECOND = 24.0
 
 
@@ -87,7 +89,7 @@ def create_stage(
     root: PatchPrim,
     patches: list[PatchPrim],
     surface: Surface,
-    cameras: dict[str, list[tuple[float, Gf.Matrix4d, float]]],
+    cameras: dict[str, list[Pose]],
     aspect: float,
 ) -> Usd.Stage:
     """Author everything but the fallback.
@@ -105,35 +107,20 @@ def create_stage(
     aspect : float
         Width over height of the pictures.
     """
-    stage = Usd.Stage.CreateNew(str(path))
-    UsdGeom.SetStageUpAxis(stage, surface.up_axis)
-    UsdGeom.SetStageMetersPerUnit(stage, surface.meters_per_unit)
+    stage = begin_stage(path, surface)
     stage.SetTimeCodesPerSecond(_FRAMES_PER_SECOND)
     stage.SetFramesPerSecond(_FRAMES_PER_SECOND)
     stage.SetStartTimeCode(FRAMES[0])
     stage.SetEndTimeCode(FRAMES[1])
-    world = UsdGeom.Xform.Define(stage, "/World")
-    stage.SetDefaultPrim(world.GetPrim())
-    Usd.ModelAPI(world.GetPrim()).SetKind("component")
-    UsdGeom.Scope.Define(stage, "/World/Materials")
     material = _define_material(stage, root, patches, surface)
-    define_surface(stage, "/World/Surface", surface, material)
-    UsdGeom.Scope.Define(stage, "/World/Cameras")
-    for name, poses in cameras.items():
-        _define_camera(stage, f"/World/Cameras/{name}", poses, aspect)
-    stage.WriteFallbackPrimTypes()
+    finish_stage(stage, surface, material, cameras, aspect)
     return stage
 
 
 def _define_material(
     stage: Usd.Stage, root: PatchPrim, patches: list[PatchPrim], surface: Surface
 ) -> UsdShade.Material:
-    material = UsdShade.Material.Define(stage, "/World/Materials/Zipmap")
-    shader = UsdShade.Shader.Define(stage, "/World/Materials/Zipmap/Surface")
-    shader.CreateIdAttr("UsdPreviewSurface")
-    shader.CreateInput("roughness", Sdf.ValueTypeNames.Float).Set(1.0)
-    shader.CreateInput("metallic", Sdf.ValueTypeNames.Float).Set(0.0)
-    material.CreateSurfaceOutput().ConnectToSource(shader.CreateOutput("surface", Sdf.ValueTypeNames.Token))
+    material, shader = define_preview_surface(stage, "Zipmap", roughness=1.0, metallic=0.0)
     texture = _define_texture(stage, TEXTURE_PATH, root)
     texture.GetPrim().GetAttribute("inputs:wrapS").Set(surface.wrap[0])
     texture.GetPrim().GetAttribute("inputs:wrapT").Set(surface.wrap[1])
@@ -160,23 +147,6 @@ def _define_texture(stage: Usd.Stage, path: str, patch: PatchPrim) -> fexel.Zipm
     if patch.source:
         prim.SetCustomDataByKey("fexel:source", patch.source)
     return texture
-
-
-def _define_camera(stage: Usd.Stage, path: str, poses: list[tuple[float, Gf.Matrix4d, float]], aspect: float) -> None:
-    camera = UsdGeom.Camera.Define(stage, path)
-    camera.CreateFocalLengthAttr(50.0)
-    camera.CreateHorizontalApertureAttr(36.0)
-    camera.CreateVerticalApertureAttr(36.0 / aspect)
-    transform = camera.AddTransformOp()
-    clipping, focus = camera.CreateClippingRangeAttr(), camera.CreateFocusDistanceAttr()
-    for k, (frame, matrix, distance) in enumerate(poses):
-        times = [Usd.TimeCode(frame)] if np.isfinite(frame) else [Usd.TimeCode.Default()]
-        if k == 0 and np.isfinite(frame):
-            times.append(Usd.TimeCode.Default())
-        for time in times:
-            transform.Set(matrix, time)
-            clipping.Set(Gf.Vec2f(0.02 * distance, 100.0 * distance + 1e3), time)
-            focus.Set(distance, time)
 
 
 def outline_in_root(window: tuple[int, int, int, int], root_from_photo: np.ndarray) -> np.ndarray:

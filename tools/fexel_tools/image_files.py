@@ -1,0 +1,55 @@
+"""Pictures without mip levels (fallbacks, signals, pinchmaps, sheets), written beside and renamed."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import OpenImageIO as oiio
+
+from fexel.errors import FexelError
+
+__all__ = ["write_image"]
+
+_TYPES = {"uint8": "uint8", "uint16": "uint16", "float16": "half", "float32": "float"}
+_COLOR_SPACES = {"sRGB": "srgb_rec709_scene", "raw": "lin_rec709_scene"}
+
+
+def write_image(path: str | Path, pixels: np.ndarray, color_space: str = "sRGB") -> None:
+    """Write an image as it is.
+
+    Parameters
+    ----------
+    path : str or Path
+        Its extension chooses the format.
+    pixels : (H, W, C) uint8, uint16, float16 or float32
+        Values as the file stores them, row 0 at the top. A fourth channel is straight alpha (or data) in integer
+        formats, associated alpha in EXR.
+    color_space : str
+        ``sRGB`` or ``raw``: what the values are, noted in the file where the format can.
+
+    Raises
+    ------
+    FexelError
+        The file cannot be written.
+    """
+    path = Path(path)
+    height, width, channels = pixels.shape
+    spec = oiio.ImageSpec(width, height, channels, _TYPES[pixels.dtype.name])
+    spec.attribute("oiio:ColorSpace", _COLOR_SPACES[color_space])
+    if channels == 4 and pixels.dtype.kind == "u":
+        spec.attribute("oiio:UnassociatedAlpha", 1)
+    spec.attribute("CompressionQuality", 95)  # of JPEG
+    beside = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
+    try:
+        writer = oiio.ImageOutput.create(str(beside))
+        ok = writer is not None and writer.open(str(beside), spec) and writer.write_image(pixels) and writer.close()
+        if not ok:
+            fault = " ".join((writer.geterror() if writer else oiio.geterror()).split())
+            raise FexelError(f"{path}: cannot be written: {fault or 'no reason given'}")
+        beside.replace(path)
+    except OSError as error:
+        raise FexelError(f"{path}: cannot be written: {error.strerror}") from error
+    finally:
+        beside.unlink(missing_ok=True)
