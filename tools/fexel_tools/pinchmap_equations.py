@@ -1,0 +1,403 @@
+"""Normal equations of a pinched texture: what every pixel of a picture says about the texels of the signal.
+
+A pixel sees, through the pinch of Tarini and Cignoni 2005, section 5.2 (with the corrections that
+`fexel.textures.pinchmap_twin` documents; hard edge), a bilinear mean of four signal texels: one row of a sparse matrix
+A. `accumulate` walks over the pixels once and sums, fexel by fexel, the moments of its weights, from which `stencils`
+makes A^T W A, nine entries a texel, and A^T W b. Sums are float64; no matrix of the size of the picture is ever made.
+
+Rows count upwards here (row 0 is the lowest), as in OpenGL, so that t and v run with them; positions u, v are in
+pinchmap texels. The arrays of the callers are flipped on entry by `pinchmap_signal`.
+"""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+
+__all__ = ["MOMENTS", "accumulate", "conjugate_gradients", "pinch_point", "projected_sweeps", "stencils"]
+
+MOMENTS = 34  # per fexel: 9 of the weights of colour, 9 of alpha, 4 of each of the three colours, 4 of alpha
+SMALL_DIRECTION = 1e-5  # a decoded byte 127 is not exactly 0 in float32: below this a component of d counts as 0 (P13)
+SMALL_DIVISOR = 1e-6  # keeps the division by 1 - |k| finite; the displacement tends to 0 there
+_LEAST_WEIGHT = 0.01  # of a pixel at the boundary, which may hold a mixture of both sides: used where nothing else is
+_INVISIBLE = 1e-3  # weight of the colour of a transparent pixel: plausible, but outvoted by any visible one
+
+
+@numba.njit(cache=True, inline="always")
+def _rectified(k, d_s, d_t, fu, fv):
+    """Position along the pinch segment, linear where the bilinear k is not (5.1, with P3 and P4)."""
+    if k == 0.0 or abs(d_s) < SMALL_DIRECTION or abs(d_t) < SMALL_DIRECTION:
+        return k
+    half = 0.5 if k > 0.0 else -0.5
+    a = half - (fu - 0.5 if d_s > 0.0 else 0.5 - fu)
+    b = half - (fv - 0.5 if d_t > 0.0 else 0.5 - fv)
+    return max(a, b) if a < k and b < k else min(a, b)
+
+
+@numba.njit(cache=True, inline="always")
+def pinch_point(d_s, d_t, k_b, gamma_b, fu, fv, h):
+    """Displacement of one point, hard edge.
+
+    Parameters
+    ----------
+    d_s, d_t, k_b, gamma_b : float
+        The pinchmap's four channels, interpolated at the point.
+    fu, fv : float
+        Fractional parts of its position in pinchmap texels.
+    h : float
+        Half a signal texel in pinchmap texels, 2^(-K-1).
+
+    Returns
+    -------
+    du, dv : float
+        Displacement, pinchmap texels.
+    strength : float
+        Pinch strength at the point, 0 to 1.
+    """
+    k = _rectified(k_b, d_s, d_t, fu, fv)
+    gamma = min(max(gamma_b + (k - k_b), -1.0 + SMALL_DIVISOR), 1.0 - SMALL_DIVISOR)
+    if k_b <= gamma_b:
+        target = (1.0 - h) * (1.0 + k) / (1.0 + gamma) - 1.0
+    else:
+        target = 1.0 - (1.0 - h) * (1.0 - k) / (1.0 - gamma)
+    scale = 1.0 / max(1.0 - max(abs(k), abs(k_b)), SMALL_DIVISOR)
+    d_s = min(max(d_s * scale, -1.0), 1.0)
+    d_t = min(max(d_t * scale, -1.0), 1.0)
+    return (k - target) * d_s, (k - target) * d_t, max(abs(d_s), abs(d_t))
+
+
+@numba.njit(cache=True, inline="always")
+def _encoded(value, table):
+    """A table over the square root of the value, beyond 1 the formula; an empty table: the value itself."""
+    if len(table) == 0:
+        return np.float64(value)
+    if value > 1.0:
+        return 1.055 * value ** (1.0 / 2.4) - 0.055
+    if value <= 0.0:
+        return 12.92 * value
+    place = np.sqrt(value) * (len(table) - 1)
+    index = min(int(place), len(table) - 2)
+    return table[index] + (place - index) * (table[index + 1] - table[index])
+
+
+@numba.njit(cache=True, inline="always")
+def _purity(side, y, x, positive):
+    """How far the 3 x 3 neighbourhood lies on one side: 0 for half of it or less, 1 for all of it, squared."""
+    height, width = side.shape
+    total = 0.0
+    for dy in range(-1, 2):
+        row = min(max(y + dy, 0), height - 1)
+        for dx in range(-1, 2):
+            total += side[row, min(max(x + dx, 0), width - 1)]
+    share = total / 9.0 if positive else 1.0 - total / 9.0
+    purity = max(0.0, 2.0 * share - 1.0)
+    return purity * purity
+
+
+@numba.njit(cache=True, nogil=True)
+def _is_still(pinchmap, j, i):
+    """Whether nothing is displaced in the fexel of the pinchmap whose lowest corner is (j, i)."""
+    for row in range(j, j + 2):
+        for column in range(i, i + 2):
+            if abs(pinchmap[row, column, 0]) >= SMALL_DIRECTION or abs(pinchmap[row, column, 1]) >= SMALL_DIRECTION:
+                return False
+    return True
+
+
+@numba.njit(cache=True, nogil=True)
+def accumulate(color, opacity, side, pinchmap, signal_shape, wraps, table, moments):
+    """Sum the moments of all pixels, and return the range of what they show.
+
+    Parameters
+    ----------
+    color : (H, W, 3) float32
+        Row 0 at the top, as sources are. Straight.
+    opacity, side : (H, W) float32
+    pinchmap : (Nh + 1, Nw + 1, 4) float64
+        Row 0 lowest, padded at the far ends by the wrap mode.
+    signal_shape : (int, int)
+    wraps : (bool, bool)
+        Whether texels repeat along s and t; else they are clamped.
+    table : (n,) float32
+        sRGB encoding over the square root of the linear value; empty: none.
+    moments : (Sh + 1, Sw + 1, MOMENTS) float64
+        Zeros on entry; entry (b, a) is the fexel whose lowest texel is (b - 1, a - 1).
+
+    Returns
+    -------
+    (2, 4) float64
+        Least and largest value of the (encoded) colours and of the opacity, over pixels that count.
+    """
+    height, width = side.shape
+    map_rows, map_columns = pinchmap.shape[0] - 1, pinchmap.shape[1] - 1
+    finer = signal_shape[1] / map_columns
+    h = 0.5 / finer
+    extent = np.empty((2, 4))
+    extent[0], extent[1] = np.inf, -np.inf
+    sums = np.zeros(14)
+    values = np.empty(4)
+    for y in range(height):
+        v = (1.0 - (y + 0.5) / height) * map_rows
+        j = min(int(v), map_rows - 1)
+        fv = v - j
+        fexel_v = v * finer - 0.5
+        last = -2
+        x = 0
+        for i in range(map_columns):
+            stop = width if i == map_columns - 1 else _first_pixel(i + 1, width, map_columns)
+            still = _is_still(pinchmap, j, i)
+            p00, p01, p10, p11 = pinchmap[j, i], pinchmap[j, i + 1], pinchmap[j + 1, i], pinchmap[j + 1, i + 1]
+            while x < stop:
+                u = (x + 0.5) / width * map_columns
+                fu = u - i
+                weight = 1.0
+                su, sv = u, v
+                if not still:
+                    w00, w01, w10, w11 = (1 - fu) * (1 - fv), fu * (1 - fv), (1 - fu) * fv, fu * fv
+                    k_b = w00 * p00[2] + w01 * p01[2] + w10 * p10[2] + w11 * p11[2]
+                    gamma_b = w00 * p00[3] + w01 * p01[3] + w10 * p10[3] + w11 * p11[3]
+                    du, dv, strength = pinch_point(
+                        w00 * p00[0] + w01 * p01[0] + w10 * p10[0] + w11 * p11[0],
+                        w00 * p00[1] + w01 * p01[1] + w10 * p10[1] + w11 * p11[1],
+                        k_b, gamma_b, fu, fv, h,
+                    )  # fmt: skip
+                    positive = k_b > gamma_b
+                    su, sv = u + du, v + dv
+                    if (side[y, x] > 0.5) != positive:
+                        weight = 1.0 - strength
+                    else:
+                        weight = max(_LEAST_WEIGHT, 1.0 - strength * (1.0 - _purity(side, y, x, positive)))
+                finite = True
+                for c in range(3):
+                    values[c] = _encoded(color[y, x, c], table)
+                    finite = finite and np.isfinite(values[c])
+                values[3] = opacity[y, x]
+                if weight <= 0.0 or not (finite and np.isfinite(values[3])):
+                    x += 1
+                    continue
+                visible = weight * (_INVISIBLE + values[3])
+                for c in range(4):
+                    extent[0, c] = min(extent[0, c], values[c])
+                    extent[1, c] = max(extent[1, c], values[c])
+                if still:
+                    place = su * finer - 0.5
+                    a = int(np.floor(place))
+                    if a != last:
+                        if last != -2:
+                            _flush(sums, fexel_v, last, wraps, moments)
+                        last = a
+                    _add_to_row(sums, place - a, weight, visible, values)
+                else:
+                    _add(moments, su * finer - 0.5, sv * finer - 0.5, wraps, weight, visible, values)
+                x += 1
+        if last != -2:
+            _flush(sums, fexel_v, last, wraps, moments)
+    return extent
+
+
+@numba.njit(cache=True, inline="always")
+def _first_pixel(i, width, columns):
+    """First pixel whose centre is not left of column i."""
+    return int(np.ceil(i * width / columns - 0.5))
+
+
+@numba.njit(cache=True, inline="always")
+def _fexel(index, entries, wrap):
+    """Entry of a fexel in `moments`. Beyond a clamped border both texels are the same, whatever the weights."""
+    if wrap:
+        return index % (entries - 1) + 1
+    return min(max(index + 1, 0), entries - 1)
+
+
+@numba.njit(cache=True, inline="always")
+def _add_to_row(sums, f, weight, visible, values):
+    """Moments along s of pixels of one row and fexel."""
+    sums[0] += visible
+    sums[1] += visible * f
+    sums[2] += visible * f * f
+    sums[3] += weight
+    sums[4] += weight * f
+    sums[5] += weight * f * f
+    for c in range(3):
+        sums[6 + 2 * c] += visible * values[c]
+        sums[7 + 2 * c] += visible * values[c] * f
+    sums[12] += weight * values[3]
+    sums[13] += weight * values[3] * f
+
+
+@numba.njit(cache=True, inline="always")
+def _flush(sums, place, a, wraps, moments):
+    """Moments along s, times powers of g, to the fexel of the row's position; clears `sums`."""
+    b = int(np.floor(place))
+    g = place - b
+    target = moments[_fexel(b, moments.shape[0], wraps[1]), _fexel(a, moments.shape[1], wraps[0])]
+    power = 1.0
+    for n in range(3):
+        for m in range(6):
+            target[3 * n + (m if m < 3 else m + 6)] += sums[m] * power
+        if n < 2:
+            for m in range(8):
+                target[18 + 4 * (m // 2) + 2 * n + m % 2] += sums[6 + m] * power
+        power *= g
+    sums[:] = 0.0
+
+
+@numba.njit(cache=True, inline="always")
+def _add(moments, place_u, place_v, wraps, weight, visible, values):
+    """Moments of one pixel."""
+    b, a = int(np.floor(place_v)), int(np.floor(place_u))
+    f, g = place_u - a, place_v - b
+    target = moments[_fexel(b, moments.shape[0], wraps[1]), _fexel(a, moments.shape[1], wraps[0])]
+    power = 1.0
+    for n in range(3):
+        target[3 * n] += visible * power
+        target[3 * n + 1] += visible * power * f
+        target[3 * n + 2] += visible * power * f * f
+        target[9 + 3 * n] += weight * power
+        target[10 + 3 * n] += weight * power * f
+        target[11 + 3 * n] += weight * power * f * f
+        power *= g
+    for c in range(4):
+        value = values[c] * (visible if c < 3 else weight)
+        target[18 + 4 * c] += value
+        target[19 + 4 * c] += value * f
+        target[20 + 4 * c] += value * g
+        target[21 + 4 * c] += value * f * g
+
+
+@numba.njit(cache=True, inline="always")
+def _pair(m0, m1, m2, p, q):
+    """Sum of w_p w_q from the moments of orders 0 to 2, with w_0 = 1 - f and w_1 = f."""
+    if p != q:
+        return m1 - m2
+    return m2 if p == 1 else m0 - 2.0 * m1 + m2
+
+
+@numba.njit(cache=True, nogil=True)
+def stencils(moments, wrap_s, wrap_t):
+    """Normal matrix and right side from the moments.
+
+    Parameters
+    ----------
+    moments : (Sh + 1, Sw + 1, MOMENTS) float64
+    wrap_s, wrap_t : bool
+        Texels repeat; else they are clamped.
+
+    Returns
+    -------
+    matrix : (2, Sh, Sw, 9) float64
+        Of colour and of alpha; entry 3 (dy + 1) + dx + 1 of the neighbour at (y + dy, x + dx).
+    right : (Sh, Sw, 4) float64
+    """
+    rows, columns = moments.shape[0] - 1, moments.shape[1] - 1
+    matrix = np.zeros((2, rows, columns, 9))
+    right = np.zeros((rows, columns, 4))
+    along = np.empty((3, 3))
+    for b in range(-1, rows):
+        for a in range(-1, columns):
+            m = moments[b + 1, a + 1]
+            if m[9] == 0.0:
+                continue
+            for py in range(2):
+                y = _texel(b + py, rows, wrap_t)
+                for px in range(2):
+                    x = _texel(a + px, columns, wrap_s)
+                    for c in range(4):
+                        at = 18 + 4 * c
+                        low = m[at + 1] if px == 1 else m[at] - m[at + 1]
+                        high = m[at + 3] if px == 1 else m[at + 2] - m[at + 3]
+                        right[y, x, c] += high if py == 1 else low - high
+                    for qy in range(2):
+                        dy = qy - py if wrap_t else _texel(b + qy, rows, False) - y
+                        for qx in range(2):
+                            dx = qx - px if wrap_s else _texel(a + qx, columns, False) - x
+                            for kind in range(2):
+                                at = 9 * kind
+                                for n in range(3):
+                                    along[kind, n] = _pair(m[at + 3 * n], m[at + 3 * n + 1], m[at + 3 * n + 2], px, qx)
+                                matrix[kind, y, x, 3 * (dy + 1) + dx + 1] += _pair(
+                                    along[kind, 0], along[kind, 1], along[kind, 2], py, qy
+                                )
+    return matrix, right
+
+
+@numba.njit(cache=True, inline="always")
+def _texel(index, count, wrap):
+    if wrap:
+        return index % count
+    return min(max(index, 0), count - 1)
+
+
+@numba.njit(cache=True, inline="always")
+def _neighbour(index, step, count):
+    """Index of a neighbour: the ends meet. Clamped borders have no entries in the matrix that reach across."""
+    index += step
+    if index < 0:
+        return index + count
+    return index - count if index >= count else index
+
+
+@numba.njit(cache=True, nogil=True)
+def _product(matrix, x, out):
+    """out = matrix x of one channel."""
+    rows, columns = x.shape
+    for r in range(rows):
+        for c in range(columns):
+            total = 0.0
+            for dy in range(3):
+                row = x[_neighbour(r, dy - 1, rows)]
+                total += matrix[r, c, 3 * dy] * row[_neighbour(c, -1, columns)]
+                total += matrix[r, c, 3 * dy + 1] * row[c]
+                total += matrix[r, c, 3 * dy + 2] * row[_neighbour(c, 1, columns)]
+            out[r, c] = total
+
+
+@numba.njit(cache=True, nogil=True)
+def conjugate_gradients(matrix, right, x, tolerance, most):
+    """Solve matrix x = right for one channel, in place, preconditioned by the diagonal (Hestenes and Stiefel 1952).
+
+    Parameters
+    ----------
+    matrix : (Sh, Sw, 9) float64
+        Symmetric, positive definite.
+    right, x : (Sh, Sw) float64
+    tolerance : float
+        Of the residual's preconditioned norm, relative to the right side's.
+    most : int
+        Iterations.
+    """
+    image = np.empty_like(x)
+    _product(matrix, x, image)
+    residual = right - image
+    diagonal = matrix[:, :, 4]
+    scaled = residual / diagonal
+    direction = scaled.copy()
+    square = (residual * scaled).sum()
+    limit = tolerance * tolerance * (right * right / diagonal).sum()
+    for _ in range(most):
+        if square <= limit:
+            return
+        _product(matrix, direction, image)
+        step = square / (direction * image).sum()
+        x += step * direction
+        residual -= step * image
+        scaled = residual / diagonal
+        former, square = square, (residual * scaled).sum()
+        direction = scaled + (square / former) * direction
+
+
+@numba.njit(cache=True, nogil=True)
+def projected_sweeps(matrix, right, x, low, high, sweeps):
+    """Gauss-Seidel sweeps under low <= x <= high, in place: the bounded least squares from a clipped start."""
+    rows, columns = x.shape
+    for sweep in range(sweeps):
+        for n in range(rows * columns):
+            at = n if sweep % 2 == 0 else rows * columns - 1 - n
+            r, c = at // columns, at % columns
+            total = right[r, c] + matrix[r, c, 4] * x[r, c]
+            for dy in range(3):
+                row = x[_neighbour(r, dy - 1, rows)]
+                total -= matrix[r, c, 3 * dy] * row[_neighbour(c, -1, columns)]
+                total -= matrix[r, c, 3 * dy + 1] * row[c]
+                total -= matrix[r, c, 3 * dy + 2] * row[_neighbour(c, 1, columns)]
+            x[r, c] = min(max(total / matrix[r, c, 4], low), high)
