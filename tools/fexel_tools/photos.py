@@ -26,7 +26,16 @@ from fexel.errors import FexelError, FexelWarning
 from fexel.images import image_info, linear_to_srgb, read_pixels, stores_straight_alpha
 from fexel_tools.photo_color import SRGB_NAMES, decode_srgb_uint8, file_color_space, to_linear_rec709
 
-__all__ = ["MIN_SIDE_PX", "Photo", "check_mask", "load_photo", "load_preview", "probe_photo"]
+__all__ = [
+    "MIN_SIDE_PX",
+    "Photo",
+    "check_mask",
+    "load_photo",
+    "load_preview",
+    "probe_photo",
+    "read_stored_pixels",
+    "upright",
+]
 
 MIN_SIDE_PX = 16  # below this neither features nor a patch with a rim can be had
 
@@ -79,13 +88,13 @@ class Photo:
         return self.color_space in SRGB_NAMES
 
 
-def probe_photo(file: str | Path) -> Photo:
+def probe_photo(file: str | Path, *, min_side_px: int = MIN_SIDE_PX) -> Photo:
     """Read the header of a photo.
 
     Raises
     ------
     FexelError
-        The file is missing, unreadable, not an image, smaller than `MIN_SIDE_PX`, or holds deep or volume data.
+        The file is missing, unreadable, not an image, smaller than `min_side_px`, or holds deep or volume data.
     """
     file = str(file)
     if not Path(file).is_file():
@@ -93,7 +102,7 @@ def probe_photo(file: str | Path) -> Photo:
     image = _open(file)
     try:
         subimage, spec, channels = _color_part(file, image)
-        _check_spec(file, spec)
+        _check_spec(file, spec, min_side_px)
     finally:
         image.close()
     has_alpha = len(channels) in (2, 4)
@@ -147,7 +156,7 @@ def load_photo(photo: Photo) -> tuple[np.ndarray, np.ndarray | None]:
     FexelWarning
         NaN or infinite pixels were found; they become black, and transparent.
     """
-    pixels = _read_pixels(photo, oiio.UINT8 if photo.pixel_type == "uint8" else oiio.FLOAT)
+    pixels = read_stored_pixels(photo, oiio.UINT8 if photo.pixel_type == "uint8" else oiio.FLOAT)
     color = pixels[..., : pixels.shape[2] - photo.has_alpha]
     alpha = np.ascontiguousarray(pixels[..., -1]) if photo.has_alpha else None
     if alpha is not None and alpha.dtype == np.uint8:
@@ -161,7 +170,7 @@ def load_photo(photo: Photo) -> tuple[np.ndarray, np.ndarray | None]:
         color = color.astype(np.float32) / 255.0 if color.dtype == np.uint8 else color
         rgb = _to_linear(photo, color, alpha)
     rgb = np.repeat(rgb, 3, axis=2) if rgb.shape[2] == 1 else rgb
-    return np.ascontiguousarray(_upright(rgb, photo.orientation)), _upright_mask(alpha, photo.orientation)
+    return np.ascontiguousarray(upright(rgb, photo.orientation)), _upright_mask(alpha, photo.orientation)
 
 
 def load_preview(photo: Photo, max_pixels: int | None = None) -> np.ndarray:
@@ -175,9 +184,9 @@ def load_preview(photo: Photo, max_pixels: int | None = None) -> np.ndarray:
         sRGB-encoded, upright. Size: `preview_size`.
     """
     if photo.pixel_type == "uint8" and not photo.associated_alpha:
-        pixels = _read_pixels(photo, oiio.UINT8)
+        pixels = read_stored_pixels(photo, oiio.UINT8)
         pixels = pixels[..., : pixels.shape[2] - photo.has_alpha]
-        image = _upright(
+        image = upright(
             np.repeat(pixels, 3, axis=2) if pixels.shape[2] == 1 else pixels,
             photo.orientation,
         )
@@ -233,12 +242,12 @@ def _color_channels(names: list[str], count: int) -> tuple[int, ...]:
     return ()
 
 
-def _check_spec(file: str, spec: oiio.ImageSpec) -> None:
+def _check_spec(file: str, spec: oiio.ImageSpec, min_side_px: int) -> None:
     if spec.deep or spec.depth > 1:
         raise FexelError(f"{file}: holds {'deep' if spec.deep else 'volume'} data, expected a flat image")
-    if min(spec.full_width, spec.full_height) < MIN_SIDE_PX:
+    if min(spec.full_width, spec.full_height) < min_side_px:
         size = f"{spec.full_width} x {spec.full_height}"
-        raise FexelError(f"{file}: {size} pixels, expected at least {MIN_SIDE_PX} on each side")
+        raise FexelError(f"{file}: {size} pixels, expected at least {min_side_px} on each side")
 
 
 def _pixel_type(spec: oiio.ImageSpec) -> str:
@@ -248,8 +257,14 @@ def _pixel_type(spec: oiio.ImageSpec) -> str:
     return "uint8" if name in ("uint8", "int8") else "uint16"
 
 
-def _read_pixels(photo: Photo, pixel_type: oiio.BASETYPE) -> np.ndarray:
-    """The channels of the photo, as stored, in the display window: (H, W, C), not yet upright."""
+def read_stored_pixels(photo: Photo, pixel_type: oiio.BASETYPE) -> np.ndarray:
+    """The channels of the photo, as stored, in the display window: (H, W, C), not yet upright.
+
+    Raises
+    ------
+    FexelError
+        The file ends early or cannot be decoded.
+    """
     image = _open(photo.file)
     try:
         if photo.subimage:
@@ -304,8 +319,8 @@ def _to_linear(photo: Photo, color: np.ndarray, alpha: np.ndarray | None) -> np.
         raise FexelError(f"{photo.file}: {error}") from None
 
 
-def _upright(image: np.ndarray, orientation: int) -> np.ndarray:
-    """Apply an EXIF orientation (1 to 8) to rows and columns."""
+def upright(image: np.ndarray, orientation: int) -> np.ndarray:
+    """Rows and columns in the order in which they are displayed, by EXIF orientation (1 to 8); a view."""
     if orientation >= 5:
         image = image.swapaxes(0, 1)
     if orientation in (3, 4, 7, 8):
@@ -316,7 +331,7 @@ def _upright(image: np.ndarray, orientation: int) -> np.ndarray:
 
 
 def _upright_mask(alpha: np.ndarray | None, orientation: int) -> np.ndarray | None:
-    return None if alpha is None else np.ascontiguousarray(_upright(alpha, orientation))
+    return None if alpha is None else np.ascontiguousarray(upright(alpha, orientation))
 
 
 def _at_most(image: np.ndarray, max_pixels: int | None) -> np.ndarray:

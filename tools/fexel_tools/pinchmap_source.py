@@ -1,0 +1,239 @@
+"""The picture that a pinchmap is made of: colour, opacity, and on which side of the discontinuities each pixel is.
+
+Section 7.1 of Tarini and Cignoni, Pinchmaps (2005), takes a picture whose alpha says where the discontinuities are:
+where it steps from 0 to 1 there is a boundary. So does this module for drawings (SVG) and for images with alpha; the
+side of opaque images, and of data such as normal maps, comes from a mask or from regions found in them
+(`pinchmap_regions`).
+
+Conventions
+-----------
+Row 0 at the top, upright (EXIF applied). Colour is linear Rec.709, straight, and continued under transparent pixels;
+with `raw` it is the stored values, integers scaled to 0..1. `side` is 0..1 and crosses 0.5 where the boundary runs, at
+sub-pixel accuracy as far as the source is anti-aliased.
+
+Sources larger than `LONGEST_SIDE_PX` are reduced while they are read, by area, colours weighted by alpha.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+import OpenImageIO as oiio
+from numpy.typing import NDArray
+
+from fexel.errors import FexelError, FexelWarning
+from fexel.images import read_mask
+from fexel_tools.color_bleed import bleed_color
+from fexel_tools.photo_color import decode_srgb_uint8, to_linear_rec709
+from fexel_tools.photos import Photo, probe_photo, read_stored_pixels, upright
+from fexel_tools.vector_image import is_vector_image, rasterize
+
+__all__ = ["LONGEST_SIDE_PX", "PinchmapSource", "load_source"]
+
+LONGEST_SIDE_PX = 4096
+_DRAWING_SIDE_PX = 1024  # of an SVG, at least
+_PIXELS_PER_TEXEL = 16  # of an SVG: with anti-aliasing a boundary is known to 1/200 texel, what 8 bits of gamma resolve
+_STRIP_ROWS = 512  # of a large source, reduced at a time
+
+
+@dataclass(frozen=True)
+class PinchmapSource:
+    """A picture and the side that each of its pixels is on.
+
+    Attributes
+    ----------
+    path : Path
+    color : (H, W, 3) float32
+        Linear Rec.709, straight alpha; stored values where `is_data`. Finite.
+    opacity : (H, W) float32
+        0..1; all 1 for an opaque image.
+    side : (H, W) float32
+        0..1; above 0.5 is the side k = +1.
+    is_data : bool
+        Stored values, not colours.
+    bits : int
+        Of the source: 8, 16 or 32 (half and float).
+    """
+
+    path: Path
+    color: NDArray[np.float32]
+    opacity: NDArray[np.float32]
+    side: NDArray[np.float32]
+    is_data: bool
+    bits: int
+
+
+def load_source(
+    path: str | Path,
+    *,
+    size: tuple[int, int] | None = None,
+    regions: str | None = None,
+    mask: str | Path | None = None,
+    raw: bool = False,
+) -> PinchmapSource:
+    """Read a drawing or image and find the side of each pixel.
+
+    Parameters
+    ----------
+    path : str or Path
+        SVG, or any format that OpenImageIO reads.
+    size : (int, int), optional
+        Texels of the pinchmap to be made; only the larger matters. An SVG is drawn with 16 pixels a texel, at least
+        1024 and at most `LONGEST_SIDE_PX` on its longer side.
+    regions : str, optional
+        ``auto``, a number, or an image of labels: sides from regions, see `pinchmap_regions`. Without, the side is the
+        alpha.
+    mask : str or Path, optional
+        The side itself: an image of any size, whose first channel, stored values, is above half on one side.
+    raw : bool
+        The picture is data (a normal map): values as stored.
+
+    Raises
+    ------
+    FexelError
+        A file is missing, damaged or no image; `mask` and `regions` are both given; or there is nothing on one of the
+        two sides.
+
+    Warns
+    -----
+    FexelWarning
+        Values that are NaN or infinite: the colour is taken from neighbours, such alpha is 0.
+    """
+    path = Path(path)
+    if mask is not None and regions is not None:
+        raise FexelError(f"{path}: both a mask and regions say which side a pixel is on, expected one of the two")
+    color, alpha, bits = _load_drawing(path, size, raw) if is_vector_image(path) else _load_image(path, raw)
+    opacity = np.ones(color.shape[:2], np.float32) if alpha is None else alpha
+    if mask is not None:
+        side = read_mask(str(mask), (color.shape[1], color.shape[0]))
+        _check_sides(Path(mask), side, "the mask")
+    elif regions is not None:
+        raise FexelError(f"{path}: regions are not available yet")
+    else:
+        side = _alpha_side(path, alpha)
+    return PinchmapSource(path, bleed_color(color, opacity), opacity, side, raw, bits)
+
+
+def _alpha_side(path: Path, alpha: NDArray[np.float32] | None) -> NDArray[np.float32]:
+    if alpha is None:
+        raise FexelError(f"{path}: has no alpha to tell the sides by; pass --regions auto, or a mask")
+    _check_sides(path, alpha, "alpha")
+    return alpha
+
+
+def _check_sides(path: Path, side: NDArray[np.float32], name: str) -> None:
+    least, most = float(side.min()), float(side.max())
+    if least <= 0.5 < most:
+        return
+    found = f"{least:.3g} everywhere" if least == most else f"between {least:.3g} and {most:.3g}"
+    remedy = "pass --regions auto, or a mask" if name == "alpha" else "expected both sides of 0.5"
+    raise FexelError(f"{path}: {name} is {found}, so that all pixels are on one side; {remedy}")
+
+
+def _load_drawing(
+    path: Path, size: tuple[int, int] | None, raw: bool
+) -> tuple[NDArray[np.float32], NDArray[np.float32], int]:
+    longer_side = _DRAWING_SIDE_PX if size is None else max(_DRAWING_SIDE_PX, _PIXELS_PER_TEXEL * max(size))
+    pixels = rasterize(path, min(longer_side, LONGEST_SIDE_PX))
+    if not pixels[..., 3].any():
+        raise FexelError(f"{path}: the drawing is empty, expected something drawn within its viewport")
+    color = pixels[..., :3] / np.float32(255) if raw else decode_srgb_uint8(pixels[..., :3])
+    return color, pixels[..., 3] / np.float32(255), 8
+
+
+def _load_image(path: Path, raw: bool) -> tuple[NDArray[np.float32], NDArray[np.float32] | None, int]:
+    photo = probe_photo(path, min_side_px=1)
+    pixels = read_stored_pixels(photo, oiio.UINT8 if photo.pixel_type == "uint8" else oiio.FLOAT)
+    factor = math.ceil(max(photo.width, photo.height) / LONGEST_SIDE_PX)
+    color, alpha = _decode(photo, pixels, raw) if factor == 1 else _decode_reduced(photo, pixels, raw, factor)
+    alpha = None if alpha is None else np.ascontiguousarray(upright(alpha, photo.orientation))
+    bits = {"uint8": 8, "uint16": 16}.get(photo.pixel_type, 32)
+    return np.ascontiguousarray(upright(color, photo.orientation)), alpha, bits
+
+
+def _decode(photo: Photo, pixels: NDArray, raw: bool) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
+    """Stored values to straight linear colour (or data) of three channels, and alpha; not yet upright."""
+    color = pixels[..., : pixels.shape[2] - photo.has_alpha]
+    alpha = _as_float(pixels[..., -1]) if photo.has_alpha else None
+    if color.dtype == np.uint8 and photo.is_srgb and not photo.associated_alpha and not raw:
+        color = decode_srgb_uint8(color)
+    else:
+        color = _as_float(color)
+        color, alpha = _finite(photo, color, alpha)
+        if photo.associated_alpha and alpha is not None:
+            color = color / np.maximum(alpha, 1e-6)[..., None]  # 1e-6 guards transparent pixels, whose colour is 0
+        if not raw:
+            color = _linear(photo, color)
+    color = np.repeat(color, 3, axis=2) if color.shape[2] == 1 else np.ascontiguousarray(color)
+    return color.astype(np.float32, copy=False), alpha
+
+
+def _as_float(values: NDArray) -> NDArray[np.float32]:
+    return values / np.float32(255) if values.dtype == np.uint8 else np.ascontiguousarray(values, np.float32)
+
+
+def _linear(photo: Photo, color: NDArray[np.float32]) -> NDArray[np.float32]:
+    try:
+        return to_linear_rec709(color, photo.color_space, photo.chromaticities)
+    except FexelError as error:
+        raise FexelError(f"{photo.file}: {error}") from None
+
+
+def _finite(
+    photo: Photo, color: NDArray[np.float32], alpha: NDArray[np.float32] | None
+) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
+    """Colour without NaN and infinities, filled from neighbours; alpha within 0..1, 0 where it was none."""
+    good = np.isfinite(color).all(axis=2)
+    good_alpha = np.ones_like(good) if alpha is None else np.isfinite(alpha)
+    count = int(good.size - np.count_nonzero(good & good_alpha))
+    if count:
+        message = f"{photo.file}: {count} pixels are NaN or infinite; their colour is taken from neighbours"
+        warnings.warn(message, FexelWarning, stacklevel=5)
+        color = np.where(good[..., None], color, np.float32(0))
+        color = _filled(color, good.astype(np.float32))
+    if alpha is not None:
+        alpha = np.clip(np.where(good_alpha, alpha, np.float32(0)), 0, 1)
+    return color, alpha
+
+
+def _filled(color: NDArray[np.float32], known: NDArray[np.float32]) -> NDArray[np.float32]:
+    if color.shape[2] == 1:
+        return bleed_color(np.repeat(color, 3, axis=2), known)[..., :1]
+    return bleed_color(color, known)
+
+
+def _decode_reduced(
+    photo: Photo, pixels: NDArray, raw: bool, factor: int
+) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
+    """`_decode`, strip by strip, every `factor` x `factor` pixels averaged; the last may be fewer."""
+    rows = max(_STRIP_ROWS // factor, 1) * factor
+    strips = [
+        _reduced(*_decode(photo, pixels[top : top + rows], raw), factor) for top in range(0, pixels.shape[0], rows)
+    ]
+    color = np.concatenate([color for color, _ in strips])
+    alphas = [alpha for _, alpha in strips if alpha is not None]
+    return color, np.concatenate(alphas) if alphas else None
+
+
+def _reduced(
+    color: NDArray[np.float32], alpha: NDArray[np.float32] | None, factor: int
+) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
+    if alpha is None:
+        return _area_mean(color, factor), None
+    opacity = _area_mean(alpha, factor)
+    color = _area_mean(color * alpha[..., None], factor) / np.maximum(opacity, 1e-6)[..., None]  # guards transparent
+    return color, opacity
+
+
+def _area_mean(plane: NDArray[np.float32], factor: int) -> NDArray[np.float32]:
+    height, width = plane.shape[:2]
+    pad = (-height % factor, -width % factor)
+    if any(pad):
+        plane = cv2.copyMakeBorder(plane, 0, pad[0], 0, pad[1], cv2.BORDER_REPLICATE)
+    size = (plane.shape[1] // factor, plane.shape[0] // factor)
+    return cv2.resize(plane, size, interpolation=cv2.INTER_AREA)
