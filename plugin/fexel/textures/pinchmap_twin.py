@@ -1,0 +1,341 @@
+"""Pinchmaps in float64 NumPy: the oracle of shaders/pinchmap_warp.glsl, and lookups without a GPU.
+
+The program of sections 4 to 6 of Tarini and Cignoni 2005 ("Pinchmaps: textures with customizable discontinuities"),
+with its open points settled as follows. The pinchmap is fetched at st + 0.5 / size whatever the size of the signal, so its
+texel lies at the lower left corner of its cell. Of the two alternatives for the rectified k the one nearer to k^B is
+right. The direction is divided by 1 - max(|k|, |k^B|). The target on the segment is evaluated directly
+and held above a ramp, which makes anti-aliasing continuous, monotone and centred for every gamma:
+
+    m = (1 - sk) / (1 - s gamma),   T = s clamp(beta |k - gamma|, 1 - m, 1 - (1 - h) m),   s = sign(k - gamma)
+
+m falls from 1 at the line to 0 at the end of the segment. A ramp as steep as you like gives eq. (1); the lower bound
+leaves no step at the end of the segment where the ramp is wider than the segment, and is the unpinched signal moved to
+the line. Beta makes the transition `antialias` pixels wide, measured across the line by the gradient of k^B - gamma^B.
+
+Seen from far away, a pixel covers several signal texels: the wider undesired fexels of their mip level are pinched (h
+grows to 0.5, a whole cell of the mask); past that the displacement fades and the mip levels show averages.
+
+Conventions: images are (H, W, C), row 0 at the top; a pinchmap is (Nh, Nw, 4): d_s, d_t, k, gamma in [-1, 1]. s runs
+right, t runs up. M is a number of points.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fexel import mipmaps
+from fexel.errors import FexelError
+from fexel.textures.pinchmap_lattice import Lattice, blocks, trilinear
+
+__all__ = ["Pinch", "decode_texels", "edge", "encode_texels", "pinch", "sample_pinchmap", "signal_half_texel"]
+
+FADE_START = 1.0
+"""Footprint, in pinchmap texels, up to which discontinuities are pinched in full."""
+FADE_END = 2.0
+"""Footprint, in pinchmap texels, from which the signal's mip levels are shown as they are."""
+_ZERO = 1e-5  # |d| below this is 0: a decoded 127 may miss it by a rounding
+_GUARD = 1e-6  # of divisors that vanish together with what they divide
+_FLOOR = 1e-30  # keeps logarithms and divisions finite where the jacobian is 0
+
+
+@dataclass(frozen=True)
+class Pinch:
+    """Where points are looked up in the signal.
+
+    Attributes
+    ----------
+    st : (M, 2) float64
+        Displaced coordinates.
+    k_b, gamma_b : (M,) float64
+        Interpolated k and gamma; a point is on the side of k = +1 where ``k_b > gamma_b``.
+    line : (M,) float64
+        Coverage of the solid line, 0 to 1.
+    """
+
+    st: NDArray[np.float64]
+    k_b: NDArray[np.float64]
+    gamma_b: NDArray[np.float64]
+    line: NDArray[np.float64]
+
+
+def encode_texels(pinchmap: NDArray[np.floating], bits: int = 8) -> NDArray[np.uint8] | NDArray[np.uint16]:
+    """Integer texels of a pinchmap: 0 is 127 of 8 bits or 32767 of 16, and the highest value is never used.
+
+    Parameters
+    ----------
+    pinchmap : (..., 4)
+        In [-1, 1]; clipped to it. NaN becomes 0.
+    bits : {8, 16}
+
+    Returns
+    -------
+    (..., 4) uint8 or uint16
+    """
+    middle = (1 << (bits - 1)) - 1
+    values = np.nan_to_num(np.asarray(pinchmap, np.float64), nan=0.0, posinf=1.0, neginf=-1.0)
+    texels = np.rint(np.clip(values, -1, 1) * middle) + middle
+    return texels.astype(np.uint8 if bits == 8 else np.uint16)
+
+
+def decode_texels(texels: NDArray) -> NDArray[np.float64]:
+    """Values of stored texels; the inverse of `encode_texels`.
+
+    Parameters
+    ----------
+    texels : (..., 4) uint8, uint16 or float
+        255 (65535) is read as 1; floats are taken as they are, but within [-1, 1] and without NaN.
+
+    Returns
+    -------
+    (..., 4) float64
+        In [-1, 1].
+    """
+    if texels.dtype == np.uint8:
+        return np.minimum((texels.astype(np.float64) - 127) / 127, 1.0)
+    if texels.dtype == np.uint16:
+        return np.minimum((texels.astype(np.float64) - 32767) / 32767, 1.0)
+    return np.clip(np.nan_to_num(np.asarray(texels, np.float64), nan=0.0, posinf=1.0, neginf=-1.0), -1, 1)
+
+
+def signal_half_texel(pinchmap_size: tuple[int, int], signal_size: tuple[int, int]) -> float | None:
+    """h of eq. (1), half a signal texel in pinchmap texels: 2^(-K-1) where the signal is 2^K times as fine.
+
+    Parameters
+    ----------
+    pinchmap_size, signal_size : (int, int)
+        Width and height in texels.
+
+    Returns
+    -------
+    float or None
+        None where the sizes do not go together: the ratio must be the same power of two, 1 at least, along both axes.
+    """
+    ratio = signal_size[0] // pinchmap_size[0] if pinchmap_size[0] else 0
+    is_power = ratio > 0 and ratio & (ratio - 1) == 0
+    fits = tuple(size * ratio for size in pinchmap_size) == tuple(signal_size)
+    return 0.5 / ratio if is_power and fits else None
+
+
+def edge(
+    pinchmap: NDArray[np.floating], st: NDArray[np.floating], wrap: tuple[str, str] = ("clamp", "clamp")
+) -> NDArray[np.float64]:
+    """k^B - gamma^B: the discontinuity is where it changes sign.
+
+    Parameters
+    ----------
+    pinchmap : (Nh, Nw, 4)
+    st : (M, 2)
+    wrap : (str, str)
+        ``repeat``, ``mirror``; all else clamps.
+
+    Returns
+    -------
+    (M,) float64
+        Positive on the side of k = +1.
+    """
+    lattice = Lattice(pinchmap[..., 2:3] - pinchmap[..., 3:4], wrap)
+    st = np.asarray(st, np.float64)
+    result = np.empty(len(st))
+    for block in blocks(len(st)):
+        cell, fraction, _ = lattice.locate(st[block])
+        result[block] = lattice.interpolate(cell, fraction)[:, 0]
+    return result
+
+
+def pinch(
+    pinchmap: NDArray[np.floating],
+    st: NDArray[np.floating],
+    h: float,
+    *,
+    wrap: tuple[str, str] = ("clamp", "clamp"),
+    jacobian: NDArray[np.floating] | None = None,
+    antialias: float = 0.0,
+    line_width: float = 0.0,
+    gradient: NDArray[np.floating] | None = None,
+) -> Pinch:
+    """Displace texture coordinates so that undesired fexels are not seen (sections 4 to 6).
+
+    Parameters
+    ----------
+    pinchmap : (Nh, Nw, 4)
+    st : (M, 2)
+    h : float
+        Half a signal texel, in pinchmap texels: 2^(-K-1).
+    wrap : (str, str)
+        ``repeat``, ``mirror``; all else clamps.
+    jacobian : (2, 2) or (M, 2, 2), optional
+        d(st)/d(pixel), column j per pixel along x, y. Default: a pixel is a point.
+    antialias : float
+        Width of the transition in pixels; 0 is a hard edge.
+    line_width : float
+        Of the solid line, in pinchmap texels.
+    gradient : (M, 2), optional
+        d(k^B - gamma^B)/d(pixel) where it is not the exact one: what a GPU gets from differences between pixels.
+
+    Returns
+    -------
+    Pinch
+    """
+    st = np.asarray(st, np.float64)
+    size = np.array([pinchmap.shape[1], pinchmap.shape[0]], np.float64)
+    lattice = Lattice(np.asarray(pinchmap, np.float64), wrap)
+    axes = np.zeros((2, 2)) if jacobian is None else np.asarray(jacobian, np.float64) * size[:, None]
+    footprint = np.broadcast_to(_major_axis(axes), len(st))
+    axes = np.broadcast_to(axes, (len(st), 2, 2))
+    result = Pinch(st.copy(), np.empty(len(st)), np.empty(len(st)), np.zeros(len(st)))
+    for block in blocks(len(st)):
+        cell, fraction, sign = lattice.locate(st[block])
+        texel = lattice.interpolate(cell, fraction)
+        result.k_b[block], result.gamma_b[block] = texel[:, 2], texel[:, 3]
+        active = np.flatnonzero(lattice.is_active(cell))
+        if not len(active):
+            continue
+        where = block.start + active
+        slope = lattice.edge_slope(cell[active], fraction[active]) * sign[active]
+        if gradient is None:
+            across = np.einsum("mi,mij->mj", slope, axes[where])
+        else:
+            across = gradient[where]
+            slope = _texel_gradient(across, axes[where])
+        width = antialias * np.hypot(across[:, 0], across[:, 1])
+        part = _Segment(texel[active], fraction[active])
+        offset = part.displacement(h, width, footprint[where])
+        result.st[where] += offset * sign[active] / size
+        if line_width > 0:
+            half = 0.5 * line_width * np.hypot(slope[:, 0], slope[:, 1])
+            result.line[where] = part.line_coverage(half, width, footprint[where])
+    return result
+
+
+def sample_pinchmap(
+    pinchmap: NDArray[np.floating],
+    signal: Sequence[NDArray[np.floating]] | NDArray[np.floating],
+    st: NDArray[np.floating],
+    jacobian: NDArray[np.floating] | None = None,
+    *,
+    antialias: float = 1.0,
+    line_width: float = 0.0,
+    line_color: Sequence[float] = (0.0, 0.0, 0.0, 1.0),
+    wrap: tuple[str, str] = ("clamp", "clamp"),
+    gradient: NDArray[np.floating] | None = None,
+) -> NDArray[np.float64]:
+    """Look up a pinchmapped texture.
+
+    Parameters
+    ----------
+    pinchmap : (Nh, Nw, 4)
+    signal : (2^K Nh, 2^K Nw, 4), or its mip levels, finest first
+        Linear, premultiplied. A single image is filtered here; give levels to do so once.
+    st : (M, 2)
+    jacobian : (2, 2) or (M, 2, 2), optional
+        d(st)/d(pixel), column j per pixel along x, y. Default: a pixel is a point, so edges are hard.
+    antialias : float
+        Width of the transition in pixels; 0 is a hard edge.
+    line_width : float
+        Of the solid line along discontinuities, in pinchmap texels; 0 for none.
+    line_color : (4,)
+        Linear, straight alpha.
+    wrap : (str, str)
+        ``repeat``, ``mirror``, ``black`` (transparent outside [0, 1]^2), else clamp.
+    gradient : (M, 2), optional
+        As for `pinch`.
+
+    Returns
+    -------
+    (M, 4) float64
+        Linear, premultiplied. Zero where `st` is not finite.
+
+    Raises
+    ------
+    FexelError
+        The sizes of pinchmap and signal do not go together.
+    """
+    levels = [signal, *mipmaps.pyramid(signal)[1:]] if isinstance(signal, np.ndarray) else list(signal)
+    size = (pinchmap.shape[1], pinchmap.shape[0])
+    signal_size = (levels[0].shape[1], levels[0].shape[0])
+    h = signal_half_texel(size, signal_size)
+    if h is None:
+        raise FexelError(
+            f"a signal of {signal_size[0]} x {signal_size[1]} texels with a pinchmap of {size[0]} x {size[1]}: "
+            "expected the pinchmap's size times 1, 2, 4 or another power of two"
+        )
+    st, finite = _finite(np.asarray(st, np.float64))
+    place = pinch(
+        pinchmap, st, h, wrap=wrap, jacobian=jacobian, antialias=antialias, line_width=line_width, gradient=gradient
+    )
+    texels = np.zeros((2, 2)) if jacobian is None else np.asarray(jacobian) * np.array(signal_size)[:, None]
+    lod = np.broadcast_to(np.log2(np.maximum(_major_axis(texels), _FLOOR)), len(st))
+    color = trilinear(levels, place.st, lod, wrap)
+    if line_width > 0:
+        ink = np.array([*np.multiply(line_color[:3], line_color[3]), line_color[3]])
+        cover = place.line[:, None]
+        color = cover * ink + (1 - cover * line_color[3]) * color
+    return np.where(finite[:, None], color, 0.0)
+
+
+class _Segment:
+    """Points on their pinch segments: place k, line gamma, direction d, all (M,)."""
+
+    def __init__(self, texel: NDArray[np.float64], fraction: NDArray[np.float64]) -> None:
+        d = np.where(np.abs(texel[:, :2]) < _ZERO, 0.0, texel[:, :2])
+        k_b = texel[:, 2]
+        self.k = _rectified(d, k_b, fraction)
+        self.edge = k_b - texel[:, 3]
+        self._side = np.where(self.edge > 0, 1.0, -1.0)
+        self._direction = np.clip(d / (1 - np.maximum(np.abs(self.k), np.abs(k_b)) + _GUARD)[:, None], -1, 1)
+        # 1 at the line, 0 at the end of the segment. Beyond |gamma| = 1, which the correction can reach, still within.
+        gamma = self.k - self.edge
+        self._m = np.minimum((1 - self._side * self.k) / np.maximum(1 - self._side * gamma, _GUARD), 1.0)
+
+    def displacement(self, h: float, width: NDArray[np.float64], footprint: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(M, 2), in pinchmap texels; width of the transition in units of k, footprint in texels."""
+        h_seen = np.clip(0.5 * footprint, h, 0.5)
+        ramp = 2 * h_seen * np.abs(self.edge) / np.maximum(width, _FLOOR)
+        target = self._side * np.clip(ramp, 1 - self._m, 1 - (1 - h_seen) * self._m)
+        return (_fade(footprint) * (self.k - target))[:, None] * self._direction
+
+    def line_coverage(
+        self, half: NDArray[np.float64], width: NDArray[np.float64], footprint: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Share of a pixel of `width` under a line twice `half` wide, in units of k; times the strength."""
+        distance, pixel = np.abs(self.edge), np.maximum(width, _FLOOR)
+        covered = np.minimum(distance + 0.5 * pixel, half) - np.maximum(distance - 0.5 * pixel, -half)
+        strength = np.max(np.abs(self._direction), axis=1)
+        return np.clip(covered / pixel, 0, 1) * strength * _fade(footprint)
+
+
+def _rectified(d: NDArray[np.float64], k_b: NDArray[np.float64], fraction: NDArray[np.float64]) -> NDArray[np.float64]:
+    """k, linear along the segment (5.1): of the two alternatives the nearer to the interpolated one."""
+    alternatives = 0.5 * np.sign(k_b)[:, None] - np.sign(d) * (fraction - 0.5)
+    error = np.abs(alternatives - k_b[:, None])
+    nearer = np.where(error[:, 0] < error[:, 1], alternatives[:, 0], alternatives[:, 1])
+    return np.where((d[:, 0] != 0) & (d[:, 1] != 0) & (k_b != 0), nearer, k_b)
+
+
+def _fade(footprint: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.clip((FADE_END - footprint) / (FADE_END - FADE_START), 0, 1)
+
+
+def _major_axis(axes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Longest axis of the ellipse that (..., 2, 2) makes of a unit circle."""
+    a, b = np.sum(axes[..., 0] ** 2, -1), np.sum(axes[..., 1] ** 2, -1)
+    c = np.sum(axes[..., 0] * axes[..., 1], -1)
+    return np.sqrt(0.5 * (a + b) + np.sqrt(0.25 * (a - b) ** 2 + c * c))
+
+
+def _texel_gradient(across: NDArray[np.float64], axes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Gradient per texel from that per pixel: the transposed inverse of `axes`, 0 where there is none."""
+    determinant = axes[:, 0, 0] * axes[:, 1, 1] - axes[:, 0, 1] * axes[:, 1, 0]
+    inverse = np.divide(1.0, determinant, out=np.zeros_like(determinant), where=determinant != 0)
+    s = axes[:, 1, 1] * across[:, 0] - axes[:, 1, 0] * across[:, 1]
+    t = axes[:, 0, 0] * across[:, 1] - axes[:, 0, 1] * across[:, 0]
+    return np.stack([s, t], 1) * inverse[:, None]
+
+
+def _finite(st: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    finite = np.isfinite(st).all(1)
+    return (st if finite.all() else np.where(finite[:, None], st, 0.0)), finite
