@@ -18,7 +18,7 @@ __all__ = ["MOMENTS", "accumulate", "conjugate_gradients", "pinch_point", "proje
 
 MOMENTS = 34  # per fexel: 9 of the weights of colour, 9 of alpha, 4 of each of the three colours, 4 of alpha
 SMALL_DIRECTION = 1e-5  # a decoded byte 127 is not exactly 0 in float32: below this a component of d counts as 0 (P13)
-SMALL_DIVISOR = 1e-6  # keeps the division by 1 - |k| finite; the displacement tends to 0 there
+SMALL_DIVISOR = 1e-6  # keeps divisors positive that tend to 0 together with what they divide
 _LEAST_WEIGHT = 0.01  # of a pixel at the boundary, which may hold a mixture of both sides: used where nothing else is
 _INVISIBLE = 1e-3  # weight of the colour of a transparent pixel: plausible, but outvoted by any visible one
 
@@ -31,7 +31,7 @@ def _rectified(k, d_s, d_t, fu, fv):
     half = 0.5 if k > 0.0 else -0.5
     a = half - (fu - 0.5 if d_s > 0.0 else 0.5 - fu)
     b = half - (fv - 0.5 if d_t > 0.0 else 0.5 - fv)
-    return max(a, b) if a < k and b < k else min(a, b)
+    return a if abs(a - k) < abs(b - k) else b
 
 
 @numba.njit(cache=True, inline="always")
@@ -55,12 +55,11 @@ def pinch_point(d_s, d_t, k_b, gamma_b, fu, fv, h):
         Pinch strength at the point, 0 to 1.
     """
     k = _rectified(k_b, d_s, d_t, fu, fv)
-    gamma = min(max(gamma_b + (k - k_b), -1.0 + SMALL_DIVISOR), 1.0 - SMALL_DIVISOR)
-    if k_b <= gamma_b:
-        target = (1.0 - h) * (1.0 + k) / (1.0 + gamma) - 1.0
-    else:
-        target = 1.0 - (1.0 - h) * (1.0 - k) / (1.0 - gamma)
-    scale = 1.0 / max(1.0 - max(abs(k), abs(k_b)), SMALL_DIVISOR)
+    gamma = gamma_b + (k - k_b)
+    sign = 1.0 if k_b > gamma_b else -1.0
+    along = min((1.0 - sign * k) / max(1.0 - sign * gamma, SMALL_DIVISOR), 1.0)  # 1 at the line, 0 at the segment's end
+    target = sign * (1.0 - (1.0 - h) * along)
+    scale = 1.0 / (1.0 - max(abs(k), abs(k_b)) + SMALL_DIVISOR)
     d_s = min(max(d_s * scale, -1.0), 1.0)
     d_t = min(max(d_t * scale, -1.0), 1.0)
     return (k - target) * d_s, (k - target) * d_t, max(abs(d_s), abs(d_t))

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 __all__ = ["cell_sides", "fill_signal", "signal_levels"]
 
-_MEMBRANE = 1e-3  # of the mean weight of a texel
+_MEMBRANE = 1e-4  # of the mean weight of a texel
 _PRIOR = 1e-9  # of the same: where even the membrane is torn off, the mean of the picture's side
 _TOLERANCE = 1e-6
 _STEPS = 400
@@ -148,8 +148,12 @@ def _add_membrane(matrix, right, pinchmap, signal_shape, wraps) -> None:
     for kind in range(2):
         mean = max(matrix[kind].sum() / sides.size, 1e-30)  # 1e-30: a picture without a pixel that counts
         for axis, wraps_here in ((0, wraps[1]), (1, wraps[0])):
-            joined = _MEMBRANE * mean * np.where(
-                sides == np.roll(sides, -1, axis), 1.0, 1.0 - np.minimum(strength, np.roll(strength, -1, axis))
+            joined = (
+                _MEMBRANE
+                * mean
+                * np.where(
+                    sides == np.roll(sides, -1, axis), 1.0, 1.0 - np.minimum(strength, np.roll(strength, -1, axis))
+                )
             )
             if not wraps_here:
                 joined[(-1,) if axis == 0 else (slice(None), -1)] = 0
