@@ -19,12 +19,12 @@ from bench.harness import Row, scratch, shared_data
 from fexel import homography
 from fexel.images import linear_to_srgb, read_linear, srgb_to_linear
 from fexel.textures.zipmap import ImageSource, ZipmapData
-from fexel_tools.baking import bake_zipmap
 from fexel_tools.blend_mask import blend_mask
 from fexel_tools.color_match import match_color
 from fexel_tools.poisson import clone, detailed_border, ring_points
 from fexel_tools.seam import seam_steps
 from fexel_tools.texture_files import encode, write_texture
+from fexel_tools.zipmap_baking import bake_zipmap
 
 NAME = "seam"
 _BOX = (0.35, 0.30, 0.70, 0.65)  # the child's part of the photo

@@ -19,8 +19,8 @@ from fexel.scene.shader_network import texture_coordinates
 from fexel.textures import extract_texture
 from fexel.textures.pyramid_cache import PyramidCache
 from fexel_tools import fallback
-from fexel_tools.baking import baked_size
 from fexel_tools.texture_files import write_texture
+from fexel_tools.zipmap_baking import baked_size
 
 
 def smooth(rng, height, width, sigma=2.0):

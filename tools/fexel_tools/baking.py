@@ -1,250 +1,110 @@
-"""A zipmap as one image: eq. (1) of the zipmap paper at many points of every pixel, averaged over the pixel.
+"""A texture of any kind as one image: what each kind offers to fallbacks, and to the kinds that nest it.
 
-Each output pixel is a box of S x S sample points (S up to 4). At a point the layers are composited as
-``C = sum_i w_i C_i, w_i = alpha_i prod_{j>i} (1 - alpha_j)`` (Eisemann and Magnor 2010, eq. 1) from bilinear lookups in
-premultiplied, linear texels. A layer that has more than four texels per pixel along either axis is read from the
-coarser level that has two to four, so that samples never skip a texel and a 50-megapixel patch costs no more than what
-the picture shows of it. Coordinates are float64. Output is made tile by tile; only the windows a tile needs are read.
+A kind has a module ``<kind>_baking`` with ``baker(data, path) -> TextureBaker``, found by the kind's name, so that
+a new kind touches nothing here. Pictures are linear and premultiplied, row 0 at the top; st runs up.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+import importlib
+from dataclasses import dataclass
+from typing import Any, Protocol, cast
 
-import numba
 import numpy as np
 
-from fexel import homography
 from fexel.images import srgb_to_linear
-from fexel.mipmaps import level_count, level_size
-from fexel.textures.pyramid_cache import SRGB, ImageFacts, PyramidCache
-from fexel.textures.zipmap import ImageSource, ZipmapData
+from fexel.textures.image_source import BIAS_ZERO, SCALE_ONE, ImageSource
+from fexel.textures.pyramid_cache import SRGB, PyramidCache
 
-__all__ = ["bake_zipmap", "baked_size"]
+__all__ = ["NestedBaker", "Storage", "TextureBaker", "linear_texels", "nested_baker", "storage_of", "texture_baker"]
 
-_TILE = 256  # output pixels a side: 16 MB of samples
-_MOST_SAMPLES = 4  # per axis and pixel
-_NEAREST_W = 1e-9  # of a layer's homogeneous coordinate: what lies nearer to infinity is not drawn
-_WRAPS = {"patch": 0, "black": 0, "useMetadata": 0, "clamp": 1, "repeat": 2, "mirror": 3}
 _SRGB_TABLE = srgb_to_linear(np.arange(256) / np.float32(255))
 
 
 @dataclass(frozen=True)
-class _Window:
-    """Texels of a layer that a tile needs: linear, premultiplied (h, w, 4) float32, from column x0 - 1, row y0 - 1."""
+class Storage:
+    """How a baked picture is stored.
 
-    texels: np.ndarray
-    x0: int
-    y0: int
-    width: int
-    height: int
-    wrap: tuple[int, int]
-
-
-def baked_size(data: ZipmapData, cache: PyramidCache, largest: int) -> tuple[int, int]:
-    """Compute width and height of the picture: the root's shape, as fine as the finest layer, at most `largest` a side.
-
-    A root without an image is square.
-    """
-    root = _facts(data, cache, 0)
-    has_image = root.info is not None
-    width, height = root.size if has_image else (1, 1)
-    finest = 1.0
-    for layer in range(1, len(data.paths)):
-        size = _facts(data, cache, layer).size
-        corners = _seen(data.root_to_patch[layer], (0.0, 0.0, 1.0, 1.0), is_patch=True)
-        if len(corners) >= 3:
-            density = _texels_per_pixel(data.root_to_patch[layer], corners, size, (width, height))
-            finest = max(finest, float(np.median(density)))
-    scale = min(largest / max(width, height), finest)
-    return max(1, round(width * scale)), max(1, round(height * scale))
-
-
-def bake_zipmap(
-    data: ZipmapData,
-    width: int,
-    height: int,
-    cache: PyramidCache | None = None,
-    progress: Callable[[int, int], None] | None = None,
-) -> np.ndarray:
-    """Composite of the unit square of ``inputs:st``.
-
-    Parameters
+    Attributes
     ----------
-    data : ZipmapData
-    width, height : int
-    cache : PyramidCache, optional
-    progress : callable, optional
-        Called with tiles done and tiles in all.
-
-    Returns
-    -------
-    (height, width, 4) float32
-        Linear, premultiplied; ``scale`` and ``bias`` that all layers share (`ZipmapData.scale`) are not applied. A file
-        that cannot be read warns once and shows its fallback colour.
+    color_space : str
+        ``sRGB`` or ``raw``.
+    dtype : str
+        ``uint8``, ``uint16`` or ``half``.
+    scale, bias : 4 floats
+        What is yet to be applied to the picture.
     """
-    cache = cache or PyramidCache()
-    out = np.empty((height, width, 4), np.float32)
-    tiles = [(x, y) for y in range(0, height, _TILE) for x in range(0, width, _TILE)]
-    for done, (x, y) in enumerate(tiles):
-        box = (x, y, min(x + _TILE, width), min(y + _TILE, height))
-        out[box[1] : box[3], box[0] : box[2]] = _bake_tile(data, cache, box, (width, height))
-        if progress:
-            progress(done + 1, len(tiles))
-    return out
+
+    color_space: str = "sRGB"
+    dtype: str = "uint8"
+    scale: tuple[float, ...] = SCALE_ONE
+    bias: tuple[float, ...] = BIAS_ZERO
 
 
-def _source(data: ZipmapData, layer: int) -> ImageSource:
-    """Image of a layer; one that is black outside keeps its border texels whole up to the border of the picture."""
-    source = data.sources[data.source_index[layer]]
-    wrap = tuple("clamp" if mode in ("black", "useMetadata") else mode for mode in source.wrap)
-    return replace(source, wrap=wrap)
+class TextureBaker(Protocol):
+    """A texture that can be baked. A file that cannot be read warns once and shows its fallback colour."""
+
+    @property
+    def storage(self) -> Storage:
+        """How the picture is to be stored."""
+        ...
+
+    def size(self, largest: int) -> tuple[int, int]:
+        """Width and height of the picture, at most `largest` a side."""
+        ...
+
+    def bake(self, width: int, height: int) -> np.ndarray:
+        """(height, width, 4) float32, the unit square of ``inputs:st``; scale and bias of `storage` are not applied."""
+        ...
 
 
-def _facts(data: ZipmapData, cache: PyramidCache, layer: int) -> ImageFacts:
-    return cache.facts(_source(data, layer), data.paths[layer])
+class NestedBaker(TextureBaker, Protocol):
+    """Baker of a kind that another kind may nest."""
+
+    @property
+    def texels(self) -> tuple[int, int]:
+        """Width and height of the picture that would show all of its detail."""
+        ...
+
+    def sample(self, st: np.ndarray, jacobian: np.ndarray) -> np.ndarray:
+        """(M, 4), scale and bias applied, at points (M, 2) of the unit square.
+
+        The jacobian, (M, 2, 2), is d(st)/d(sample), column j per step along x, y.
+        """
+        ...
 
 
-def _bake_tile(
-    data: ZipmapData, cache: PyramidCache, box: tuple[int, int, int, int], size: tuple[int, int]
-) -> np.ndarray:
-    width, height = size
-    bounds = (box[0] / width, 1 - box[3] / height, box[2] / width, 1 - box[1] / height)
-    shown, samples = [], 1
-    for layer in _layers_in(data, bounds):
-        facts = _facts(data, cache, layer)
-        corners = _seen(data.root_to_patch[layer], bounds, is_patch=layer > 0)
-        if len(corners) < 3:
-            continue
-        dense = float(_texels_per_pixel(data.root_to_patch[layer], corners, facts.size, size).max(initial=0.0))
-        level = int(np.ceil(np.log2(max(dense / _MOST_SAMPLES, 1.0))))
-        level = min(level, level_count(*facts.size) - 1)
-        samples = max(samples, int(np.clip(np.ceil(dense / 2**level), 2, _MOST_SAMPLES)))
-        shown.append((layer, level, corners))
-    rows, columns = (box[3] - box[1]) * samples, (box[2] - box[0]) * samples
-    color = np.zeros((rows, columns, 4), np.float32)
-    raster = (bounds[0], bounds[3], 1 / (width * samples), 1 / (height * samples))
-    for layer, level, corners in shown:
-        window = _window(data, cache, layer, level, corners)
-        place = (window.x0, window.y0, window.width, window.height, *window.wrap)
-        matrix = np.ascontiguousarray(data.root_to_patch[layer])
-        _composite(color, raster, matrix, window.texels, place, float(data.opacity[layer]))
-    return color.reshape(box[3] - box[1], samples, box[2] - box[0], samples, 4).mean(axis=(1, 3), dtype=np.float64)
+def texture_baker(kind: str, data: Any, path: str) -> TextureBaker:
+    """Baker of what `fexel.textures.extract_texture` gives; `path` is the prim to name in messages."""
+    return importlib.import_module(f"fexel_tools.{kind}_baking").baker(data, path)
 
 
-def _layers_in(data: ZipmapData, bounds: tuple[float, float, float, float]) -> np.ndarray:
-    """Layers whose bounds overlap, in draw order."""
-    s0, t0, s1, t1 = bounds
-    b = data.bounds
-    return np.flatnonzero((b[:, 0] < s1) & (b[:, 2] > s0) & (b[:, 1] < t1) & (b[:, 3] > t0))
+def nested_baker(kind: str, data: Any, path: str) -> NestedBaker:
+    """Baker of a texture that another nests."""
+    return cast("NestedBaker", texture_baker(kind, data, path))
 
 
-def _seen(matrix: np.ndarray, bounds: tuple[float, float, float, float], is_patch: bool) -> np.ndarray:
-    """Corners (N, 2) of the part of the root's rectangle `bounds` where a layer is; empty where it is not.
-
-    Layer coordinates [u v w] = [s t 1] @ matrix are linear in s and t, so that 0 <= u <= w, 0 <= v <= w and w > 0 are
-    half-planes, and the part is a convex polygon whose image is spanned by its corners' images.
-    """
-    s0, t0, s1, t1 = bounds
-    corners = np.array([[s0, t0, 1.0], [s1, t0, 1.0], [s1, t1, 1.0], [s0, t1, 1.0]])
-    u, v, w = matrix.T
-    front = w - np.array([0.0, 0.0, _NEAREST_W])
-    for plane in (front, u, w - u, v, w - v) if is_patch else (front,):
-        side = corners @ plane
-        following, side_following = np.roll(corners, -1, axis=0), np.roll(side, -1)
-        kept = []
-        for here, there, a, b in zip(corners, following, side, side_following, strict=True):
-            if a >= 0:
-                kept.append(here)
-            if (a < 0) != (b < 0):
-                kept.append(here + (there - here) * (a / (a - b)))
-        corners = np.array(kept).reshape(-1, 3)
-    return corners[:, :2]
+def storage_of(
+    source: ImageSource,
+    cache: PyramidCache,
+    path: str,
+    scale: tuple[float, ...] = SCALE_ONE,
+    bias: tuple[float, ...] = BIAS_ZERO,
+) -> Storage:
+    """Storage after an image: 8-bit sRGB for sRGB, 16-bit for raw integers, half floats for floats."""
+    info = cache.facts(source, path).info
+    if info is None:
+        return Storage(scale=scale, bias=bias)
+    if info.dtype.startswith("float"):
+        return Storage("raw", "half", scale, bias)
+    space = info.color_space if source.color_space == "auto" else source.color_space
+    return Storage(space, "uint8" if space == "sRGB" else "uint16", scale, bias)
 
 
-def _texels_per_pixel(
-    matrix: np.ndarray, points: np.ndarray, texels: tuple[int, int], pixels: tuple[int, int]
-) -> np.ndarray:
-    """Largest number of texels that a pixel's step crosses at each point (N,): the larger singular value."""
-    jacobian = homography.jacobian(matrix, points) * (np.array(texels)[:, None] / np.array(pixels)[None, :])
-    jacobian = jacobian[np.isfinite(jacobian).all(axis=(1, 2))]
-    return np.linalg.svd(jacobian, compute_uv=False)[:, 0] if len(jacobian) else np.zeros(0)
-
-
-def _window(data: ZipmapData, cache: PyramidCache, layer: int, level: int, corners: np.ndarray) -> _Window:
-    source, path = _source(data, layer), data.paths[layer]
-    facts = cache.facts(source, path)
-    width, height = (level_size(size, level) for size in facts.size)
-    wrap_s, wrap_t = data.sources[data.source_index[layer]].wrap
-    st = homography.apply(data.root_to_patch[layer], corners)
-    low, high = st.min(axis=0), st.max(axis=0)
-    if layer == 0 and ((low < 0).any() or (high > 1).any()):
-        low, high = np.zeros(2), np.ones(2)  # wraps around: any part may be seen
-    x0, x1 = _span(low[0], high[0], width)
-    y0, y1 = _span(1 - high[1], 1 - low[1], height)
-    stored = cache.window(source, path, level, (x0, y0, x1, y1))
-    return _Window(_linear(stored, facts.page_class), x0, y0, width, height, (_WRAPS[wrap_s], _WRAPS[wrap_t]))
-
-
-def _span(low: float, high: float, size: int) -> tuple[int, int]:
-    """Texels that bilinear lookups between two coordinates in [0, 1] read."""
-    first = int(np.clip(np.floor(low * size - 0.5), 0, size - 1))
-    return first, int(np.clip(np.ceil(high * size + 0.5), first + 1, size))
-
-
-def _linear(stored: np.ndarray, page_class: int) -> np.ndarray:
+def linear_texels(stored: np.ndarray, page_class: int) -> np.ndarray:
+    """Texels of `PyramidCache.window` as float32, linear."""
     if page_class == SRGB:
         texels = _SRGB_TABLE[stored]
         texels[..., 3] = stored[..., 3] / np.float32(255)
         return texels
-    if stored.dtype == np.uint8:
-        return stored / np.float32(255)
     return stored.astype(np.float32)
-
-
-@numba.njit(cache=True, nogil=True)
-def _wrapped(coordinate, mode):
-    """Texture coordinate after wrapping, and whether anything is there: 0 none outside, 1 clamp, 2 repeat, 3 mirror."""
-    if mode == 2:
-        return coordinate - np.floor(coordinate), True
-    if mode == 3:
-        folded = coordinate - 2 * np.floor(coordinate / 2)
-        return (2 - folded if folded > 1 else folded), True
-    if mode == 1:
-        return min(1.0, max(0.0, coordinate)), True
-    return coordinate, 0 <= coordinate <= 1
-
-
-@numba.njit(cache=True, nogil=True)
-def _composite(color, raster, matrix, texels, place, opacity):
-    """Draw one layer over the samples of a tile: color = layer + color (1 - alpha)."""
-    s0, t1, ds, dt = raster
-    x0, y0, width, height, wrap_s, wrap_t = place
-    rows, columns = texels.shape[:2]
-    layer = np.zeros(4, np.float32)
-    for j in range(color.shape[0]):
-        t = t1 - (j + 0.5) * dt
-        for i in range(color.shape[1]):
-            s = s0 + (i + 0.5) * ds
-            w = s * matrix[0, 2] + t * matrix[1, 2] + matrix[2, 2]
-            if w <= 0:
-                continue
-            u, inside_u = _wrapped((s * matrix[0, 0] + t * matrix[1, 0] + matrix[2, 0]) / w, wrap_s)
-            v, inside_v = _wrapped((s * matrix[0, 1] + t * matrix[1, 1] + matrix[2, 1]) / w, wrap_t)
-            if not (inside_u and inside_v):
-                continue
-            x, y = u * width - 0.5, (1 - v) * height - 0.5
-            column, row = np.floor(x), np.floor(y)
-            fx, fy = np.float32(x - column), np.float32(y - row)
-            left = min(max(int(column) - x0 + 1, 0), columns - 1)
-            right = min(left + 1, columns - 1)
-            top = min(max(int(row) - y0 + 1, 0), rows - 1)
-            bottom = min(top + 1, rows - 1)
-            for c in range(4):
-                upper = texels[top, left, c] + fx * (texels[top, right, c] - texels[top, left, c])
-                lower = texels[bottom, left, c] + fx * (texels[bottom, right, c] - texels[bottom, left, c])
-                layer[c] = (upper + fy * (lower - upper)) * np.float32(opacity)
-            rest = np.float32(1) - layer[3]
-            for c in range(4):
-                color[j, i, c] = layer[c] + color[j, i, c] * rest

@@ -13,9 +13,10 @@ Inside the texture prim, self-contained (names and values are literal, as import
                                  where the prim reads it through a UsdTransform2d (`fallback_coordinates`)
       outputs:rgb, r, g, b, a    <- the outputs of Fallback
 
-The image is the unit square of ``inputs:st``: eq. (1) baked in linear light with area filtering (`baking`), as fine as
-the finest layer but never larger than `size`. Its colour space is the root's: an sRGB root gives an 8-bit sRGB file, a
-raw integer root a 16-bit PNG of raw values, a floating-point root a half-float EXR.
+The image is the unit square of ``inputs:st``, baked as its kind does it (`baking`): a zipmap's eq. (1) in linear light
+with area filtering, as fine as the finest layer; a pinchmap's reconstructed picture; never above `size`. Its colour
+space is the root's: an sRGB root gives an 8-bit sRGB file, a raw integer root a 16-bit PNG of raw values, a
+floating-point root a half-float EXR.
 """
 
 from __future__ import annotations
@@ -29,9 +30,7 @@ from pxr import Gf, Sdf, Usd, UsdShade
 from fexel.errors import FexelError
 from fexel.images import linear_to_srgb
 from fexel.textures import extract_texture
-from fexel.textures.pyramid_cache import PyramidCache
-from fexel.textures.zipmap import ZipmapData
-from fexel_tools.baking import bake_zipmap, baked_size
+from fexel_tools.baking import TextureBaker, texture_baker
 from fexel_tools.fallback_coordinates import READER_NAME, author_coordinates
 from fexel_tools.image_files import write_image
 
@@ -54,7 +53,7 @@ def bake(texture_prim: Usd.Prim, size: int = 2048, time: Usd.TimeCode | float | 
     Parameters
     ----------
     texture_prim : Usd.Prim
-        A ZipmapTexture with its patches, or a UsdUVTexture shader.
+        A FexelTexture with its patches, or a UsdUVTexture shader.
     size : int
         Most pixels on the longer side.
     time : Usd.TimeCode or float, optional
@@ -70,8 +69,8 @@ def bake(texture_prim: Usd.Prim, size: int = 2048, time: Usd.TimeCode | float | 
     FexelError
         A prim that no texture kind reads, or a size below 1.
     """
-    data, cache, (width, height) = _prepare(texture_prim, size, time)
-    return bake_zipmap(data, width, height, cache)
+    baker = _baker(texture_prim, size, time)
+    return baker.bake(*baker.size(size))
 
 
 def write_fallback(
@@ -100,14 +99,14 @@ def write_fallback(
     path = Path(image_path)
     if path.suffix.lower() not in _EIGHT_BIT:
         raise FexelError(f"{path}: expected a file name ending in {', '.join(_EIGHT_BIT)}")
-    data, cache, (width, height) = _prepare(texture_prim, size, time)
-    color_space, dtype = _storage(data, cache)
-    if dtype == "half":
+    baker = _baker(texture_prim, size, time)
+    storage = baker.storage
+    if storage.dtype == "half":
         path = path.with_suffix(".exr")
-    elif color_space == "raw":
+    elif storage.color_space == "raw":
         path = path.with_suffix(".png")
-    _write(path, bake_zipmap(data, width, height, cache), color_space, dtype)
-    author(texture_prim, path, color_space=color_space, scale=data.scale, bias=data.bias)
+    _write(path, baker.bake(*baker.size(size)), storage.color_space, storage.dtype)
+    author(texture_prim, path, color_space=storage.color_space, scale=storage.scale, bias=storage.bias)
     return path
 
 
@@ -153,28 +152,11 @@ def author(
     stage.WriteFallbackPrimTypes()
 
 
-def _prepare(
-    texture_prim: Usd.Prim, size: int, time: Usd.TimeCode | float | None
-) -> tuple[ZipmapData, PyramidCache, tuple[int, int]]:
+def _baker(texture_prim: Usd.Prim, size: int, time: Usd.TimeCode | float | None) -> TextureBaker:
     if size < 1:
         raise FexelError(f"{texture_prim.GetPath()}: fallback size is {size}, expected at least 1 pixel")
     kind, data = extract_texture(texture_prim, Usd.TimeCode.Default() if time is None else time)
-    if kind != "zipmap":
-        raise FexelError(f"{texture_prim.GetPath()}: cannot bake a texture of kind {kind}, expected zipmap")
-    cache = PyramidCache()
-    return data, cache, baked_size(data, cache, size)
-
-
-def _storage(data: ZipmapData, cache: PyramidCache) -> tuple[str, str]:
-    """Colour space and OpenImageIO type of the baked file, after the root's."""
-    source = data.sources[data.source_index[0]]
-    info = cache.facts(source, data.paths[0]).info
-    if info is None:
-        return "sRGB", "uint8"
-    if info.dtype.startswith("float"):
-        return "raw", "half"
-    space = info.color_space if source.color_space == "auto" else source.color_space
-    return (space, "uint8") if space == "sRGB" else (space, "uint16")
+    return texture_baker(kind, data, str(texture_prim.GetPath()))
 
 
 def _write(path: Path, rgba: np.ndarray, color_space: str, dtype: str) -> None:
