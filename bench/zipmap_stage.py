@@ -124,7 +124,7 @@ def render_texture(
         own.begin_view([request])
         binding = own.binding([request])
         defines = binding.defines | {"TEXTURE_SAMPLE": f"{texture.kind}_sample", "TEXTURE_AOVS": int(aovs)}
-        program = ProgramCache(gl).get("texture_view.vert", "texture_view.frag", defines, [f"{texture.kind}.glsl"])
+        program = ProgramCache(gl).get("texture_view.vert", "texture_view.frag", defines, binding.includes)
         binding.apply(program)
         _vertex_array(gl, program, draw, surface, view).render()
     result = np.concatenate(
@@ -150,7 +150,7 @@ def compiled_view(gl, programs, draw: Draw, view: View, textured=None):
     system.begin_view([request])
     binding = system.binding([request])
     defines = binding.defines | {"TEXTURE_SAMPLE": f"{texture.kind}_sample", "TEXTURE_AOVS": 0}
-    program = programs.get("texture_view.vert", "texture_view.frag", defines, [f"{texture.kind}.glsl"])
+    program = programs.get("texture_view.vert", "texture_view.frag", defines, binding.includes)
     return program, binding, _vertex_array(gl, program, draw, surface, view).render
 
 
@@ -177,7 +177,7 @@ def lookup_texture(
     framebuffer = gl.framebuffer([target])
     framebuffer.use()
     defines = binding.defines | {"TEXTURE_SAMPLE": f"{texture.kind}_sample"}
-    program = ProgramCache(gl).get("fullscreen.vert", "texture_lookup.frag", defines, [f"{texture.kind}.glsl"])
+    program = ProgramCache(gl).get("fullscreen.vert", "texture_lookup.frag", defines, binding.includes)
     unit = binding.apply(program)
     for number, name in enumerate(("lookupSt", "lookupJacobian")):
         given[number].use(unit + number)

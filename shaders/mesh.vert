@@ -1,6 +1,6 @@
 // Vertices of a mesh to clip space. Positions reach the fragment shader relative to the camera, in the axes of the world,
 // so that float32 suffices far from the world's origin. A re-based mesh (deep zoom) arrives in clip space already.
-#include "zipmap_vertex.glsl"
+#include "texture_vertex.glsl"
 #ifdef REBASED
 in vec4 inClipPosition;
 uniform mat4 eyeFromClip;       // clip space to world axes around the camera; w is not used
@@ -56,7 +56,7 @@ void main()
     gl_Position = clipFromObject * vec4(inPosition, 1.0);
     eyePosition = (eyeFromObject * vec4(inPosition, 1.0)).xyz;
 #endif
-    pass_zipmap_layers();
+    pass_texture_constants();
     gl_Position.xy += clipOffset * gl_Position.w;
     worldNormal = worldFromNormal * inNormal;
 

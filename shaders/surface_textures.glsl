@@ -1,5 +1,6 @@
 // The material's textures, each sampled once whatever inputs it drives.
-// Requires TEXTURE_COUNT and, per slot i, TEXTUREi_SAMPLE (the kind's function) and TEXTUREi_ST (its varying).
+// Requires TEXTURE_COUNT and, per slot i, TEXTUREi_SAMPLE (the kind's function), TEXTUREi_NUMBER (which of the textures of
+// its kind) and TEXTUREi_ST (its varying).
 // Provides texels (linear, premultiplied), sample_textures, texel_color, texel_value; lod and patch of MAIN_TEXTURE.
 
 #if TEXTURE_COUNT > 0
@@ -8,11 +9,11 @@ vec4 texels[TEXTURE_COUNT];
 float textureLod0 = -1.0;       // -1: no texture
 float texturePatch = -1.0;
 
-#define SAMPLE_SLOT(slot, sampleFunction, st)                                             \
+#define SAMPLE_SLOT(slot, number, sampleFunction, st)                                     \
     {                                                                                     \
         float lod;                                                                        \
         float patchIndex;                                                                 \
-        texels[slot] = sampleFunction(slot, st, dFdx(st), dFdy(st), lod, patchIndex);     \
+        texels[slot] = sampleFunction(number, st, dFdx(st), dFdy(st), lod, patchIndex);   \
         if (slot == MAIN_TEXTURE) { textureLod0 = lod; texturePatch = patchIndex; }       \
     }
 
@@ -20,28 +21,28 @@ float texturePatch = -1.0;
 void sample_textures()
 {
 #if TEXTURE_COUNT > 0
-    SAMPLE_SLOT(0, TEXTURE0_SAMPLE, TEXTURE0_ST)
+    SAMPLE_SLOT(0, TEXTURE0_NUMBER, TEXTURE0_SAMPLE, TEXTURE0_ST)
 #endif
 #if TEXTURE_COUNT > 1
-    SAMPLE_SLOT(1, TEXTURE1_SAMPLE, TEXTURE1_ST)
+    SAMPLE_SLOT(1, TEXTURE1_NUMBER, TEXTURE1_SAMPLE, TEXTURE1_ST)
 #endif
 #if TEXTURE_COUNT > 2
-    SAMPLE_SLOT(2, TEXTURE2_SAMPLE, TEXTURE2_ST)
+    SAMPLE_SLOT(2, TEXTURE2_NUMBER, TEXTURE2_SAMPLE, TEXTURE2_ST)
 #endif
 #if TEXTURE_COUNT > 3
-    SAMPLE_SLOT(3, TEXTURE3_SAMPLE, TEXTURE3_ST)
+    SAMPLE_SLOT(3, TEXTURE3_NUMBER, TEXTURE3_SAMPLE, TEXTURE3_ST)
 #endif
 #if TEXTURE_COUNT > 4
-    SAMPLE_SLOT(4, TEXTURE4_SAMPLE, TEXTURE4_ST)
+    SAMPLE_SLOT(4, TEXTURE4_NUMBER, TEXTURE4_SAMPLE, TEXTURE4_ST)
 #endif
 #if TEXTURE_COUNT > 5
-    SAMPLE_SLOT(5, TEXTURE5_SAMPLE, TEXTURE5_ST)
+    SAMPLE_SLOT(5, TEXTURE5_NUMBER, TEXTURE5_SAMPLE, TEXTURE5_ST)
 #endif
 #if TEXTURE_COUNT > 6
-    SAMPLE_SLOT(6, TEXTURE6_SAMPLE, TEXTURE6_ST)
+    SAMPLE_SLOT(6, TEXTURE6_NUMBER, TEXTURE6_SAMPLE, TEXTURE6_ST)
 #endif
 #if TEXTURE_COUNT > 7
-    SAMPLE_SLOT(7, TEXTURE7_SAMPLE, TEXTURE7_ST)
+    SAMPLE_SLOT(7, TEXTURE7_NUMBER, TEXTURE7_SAMPLE, TEXTURE7_ST)
 #endif
 }
 

@@ -1,5 +1,5 @@
 // A surface given in clip space with its local texture coordinates; nothing is transformed.
-#include "zipmap_vertex.glsl"
+#include "texture_vertex.glsl"
 in vec4 in_position;
 in vec2 in_st;
 
@@ -7,7 +7,7 @@ out vec2 st;
 
 void main()
 {
-    pass_zipmap_layers();
+    pass_texture_constants();
     st = in_st;
     gl_Position = in_position;
 }

@@ -1,12 +1,14 @@
 // Zipmap lookup (Eisemann and Magnor 2010, eq. 1): C = sum_i w_i C_i, w_i = alpha_i prod_{j>i} (1 - alpha_j), front to back.
-// Requires common_footprint.glsl. Provides zipmap_sample.
+// Requires texture_data.glsl, common_footprint.glsl. Provides zipmap_sample.
 //
 // Two ways to the layers of a place: a short list is unrolled (zipmap_list.glsl), all else goes by the index
 // (zipmap_tree.glsl).
 //
 // Defines: ZIPMAP_SLOTS textures of the material; ZIPMAP_CODES<slot> 0 for the index, else what zipmap_list.glsl says;
 // ZIPMAP_TREE, ZIPMAP_LAYERS whether any slot goes by the index, and the longest list; ZIPMAP_OUTSIDE 1 where the root is
-// seen outside of [0, 1]^2; ZIPMAP_SCALED 0 where no slot has a scale or bias; ZIPMAP_SRGB, ZIPMAP_HALF which pages there are.
+// seen outside of [0, 1]^2; ZIPMAP_SCALED 0 where no slot has a scale or bias; ZIPMAP_SRGB, ZIPMAP_HALF which pages there are;
+// ZIPMAP_KIND<k>_SAMPLE the function that samples patches of another kind, where there are any of kind number k.
+#include "texture_data.glsl"
 #include "common_footprint.glsl"
 
 #define ZIPMAP_PATCH 0.0
@@ -14,16 +16,9 @@
 #define ZIPMAP_REPEAT 2.0
 #define ZIPMAP_MIRROR 3.0
 
-#if ZIPMAP_SRGB
-uniform sampler2D zipmapPagesSrgb;
-#endif
-#if ZIPMAP_HALF
-uniform sampler2D zipmapPagesHalf;
-#endif
 uniform vec4 zipmapWrap[ZIPMAP_SLOTS];       // wrap mode of the root along s, t
 uniform vec4 zipmapScale[ZIPMAP_SLOTS];
 uniform vec4 zipmapBias[ZIPMAP_SLOTS];
-uniform vec4 zipmapHalfTexel[2];             // xy: half a texel in page coordinates, per page class
 
 // A wrapped texel coordinate of the root; size in texels.
 float zipmap_wrap(float x, float size, float mode)

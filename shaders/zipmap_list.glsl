@@ -3,18 +3,19 @@
 //
 // Only for layers whose maps are affine, whose texels have the shape of the root's, so that their mip levels differ by a
 // constant, and of which two levels at most are seen. They are unrolled, and what is known of each is compiled in. What
-// differs from view to view comes as flat varyings (zipmap_vertex.glsl): as uniforms it was measured to cost llvmpipe
+// differs from view to view comes as flat varyings (texture_vertex.glsl): as uniforms it was measured to cost llvmpipe
 // about as much as the lookups themselves.
 //
-// Defines: ZIPMAP_LAYERS most layers of a slot; ZIPMAP_FLAT four varyings per slot and layer; ZIPMAP_CODES<slot>: layers of
-// the slot + 16 sum_i 4^i codes_i, i counted front to back, codes_i = 1 where layer i is seen at two mip levels, + 2 where
+// Defines: ZIPMAP_LAYERS most layers of a slot; ZIPMAP_FLAT first of the varyings, four per slot and layer;
+// ZIPMAP_CODES<slot>: layers of the slot + 16 sum_i 4^i codes_i, i counted front to back, codes_i = 1 where layer i is seen at two mip levels, + 2 where
 // it is in the half-float pages.
 //
-// zipmapFlat, per layer: x of texels / size from (s, t, 1), opacity; y, mip level of the finest image at root level 0;
+// Varyings of a layer: x of texels / size from (s, t, 1), opacity; y, mip level of the finest image at root level 0;
 // then for the finest and the next level: scale.xy, offset.xy from there to page coordinates.
 #if ZIPMAP_LAYERS
 
-flat in vec4 zipmapFlat[ZIPMAP_FLAT];
+#define ZIPMAP_CONSTANT(layer, i) textureFlat[ZIPMAP_FLAT + 4 * (layer) + (i)]
+
 uniform vec4 zipmapNumbers[ZIPMAP_SLOTS * ZIPMAP_LAYERS];   // index of the layer, finest level
 uniform vec4 zipmapRoot[ZIPMAP_SLOTS];                      // from local st to texels of the root: d(x) by s, t, d(y)
 
@@ -58,26 +59,26 @@ vec4 zipmap_list_texel(vec2 uv, vec4 place, bool isHalf, bool isRoot)
 {
     vec2 page = uv * place.xy + place.zw;
 #if ZIPMAP_OUTSIDE
-    vec2 margin = zipmapHalfTexel[isHalf ? 1 : 0].xy;
+    vec2 margin = pageHalfTexel[isHalf ? PAGE_HALF : PAGE_SRGB].xy;
     if (isRoot)
         page = clamp(page, place.zw - margin, place.xy + place.zw + margin);
 #endif
 #if ZIPMAP_SRGB && ZIPMAP_HALF
     if (isHalf)
-        return textureLod(zipmapPagesHalf, page, 0.0);
-    return textureLod(zipmapPagesSrgb, page, 0.0);
+        return textureLod(pagesHalf, page, 0.0);
+    return textureLod(pagesSrgb, page, 0.0);
 #elif ZIPMAP_HALF
-    return textureLod(zipmapPagesHalf, page, 0.0);
+    return textureLod(pagesHalf, page, 0.0);
 #else
-    return textureLod(zipmapPagesSrgb, page, 0.0);
+    return textureLod(pagesSrgb, page, 0.0);
 #endif
 }
 
 // All int and bool arguments are known when compiled, so that no branch and no index is left.
 void zipmap_list_layer(int slot, int layer, int codes, bool isRoot, vec2 st, float rootLevel, inout ZipmapBlend blend)
 {
-    vec4 x = zipmapFlat[4 * layer];
-    vec4 y = zipmapFlat[4 * layer + 1];
+    vec4 x = ZIPMAP_CONSTANT(layer, 0);
+    vec4 y = ZIPMAP_CONSTANT(layer, 1);
     bool isHalf = ZIPMAP_SRGB == 0 || (codes & 2) != 0;
     vec2 uv = vec2(x.x * st.x + x.y * st.y + x.z, y.x * st.x + y.y * st.y + y.z);
     // A pixel beyond a patch may meet anything in the page, since only what is seen of a level is there.
@@ -92,9 +93,9 @@ void zipmap_list_layer(int slot, int layer, int codes, bool isRoot, vec2 st, flo
         uv = clamp(uv, vec2(0.0), vec2(1.0));  // samples of a pixel that is covered in part may stray
 #endif
     float level = rootLevel + y.w;
-    vec4 sampled = zipmap_list_texel(uv, zipmapFlat[4 * layer + 2], isHalf, isRoot);
+    vec4 sampled = zipmap_list_texel(uv, ZIPMAP_CONSTANT(layer, 2), isHalf, isRoot);
     if ((codes & 1) != 0)
-        sampled = mix(sampled, zipmap_list_texel(uv, zipmapFlat[4 * layer + 3], isHalf, isRoot), clamp(level, 0.0, 1.0));
+        sampled = mix(sampled, zipmap_list_texel(uv, ZIPMAP_CONSTANT(layer, 3), isHalf, isRoot), clamp(level, 0.0, 1.0));
     bool first = blend.clear == 1.0 && covers && sampled.a > 0.0;
     vec4 numbers = zipmapNumbers[layer];
     blend.lod = first ? numbers.y + ((codes & 1) != 0 ? level : 0.0) : blend.lod;

@@ -4,11 +4,12 @@
 // Defines: ZIPMAP_LEVELS 1 where every image is seen at one mip level only, else 2; ZIPMAP_PROBES 1 for anisotropic
 // filtering.
 //
-// zipmapRecords (RGBA32F, ZIPMAP_ROW texels per row) holds, written by fexel/textures/records.py:
+// The record texture holds, written by fexel/textures/records.py:
 //   node    leaf: (first record, number of records, 0, 0); inner: (first child, -children per axis, 0, 0)
 //   record  3 texels: rows of the matrix from (s, t, 1) to texels of level 0 (x right, y down, w) with width, height and
 //           codes = finest level + 16 coarsest level + 256 page class + opacity / 2 in their last components; then
-//           (index of the layer, 0, 0, 0); then per level: scale.xy, offset.xy from texels of level 0 to page coordinates.
+//           (index of the layer, kind, record, 0): kind and own record of a texture of another kind, kind 0 for an image, and
+//           then per level: scale.xy, offset.xy from texels of level 0 to page coordinates.
 // Records of a leaf follow each other front to back; the last one is the root, opaque or not.
 //
 // llvmpipe runs 8 pixels in step, a branch skips nothing, and a loop ends when all are done. Hence do-while loops, which
@@ -18,9 +19,6 @@
 // round for that reason.
 #if ZIPMAP_TREE
 
-#define ZIPMAP_ROW_BITS 10
-
-uniform sampler2D zipmapRecords;
 uniform vec4 zipmapGrid[ZIPMAP_SLOTS];       // st -> cell: scale.xy, offset.xy
 uniform ivec4 zipmapTree[ZIPMAP_SLOTS];      // first node, cells along s, cells along t
 uniform float zipmapMaxProbes;
@@ -28,11 +26,6 @@ uniform float zipmapMaxProbes;
 // Coverage left below which nothing further back can change an 8-bit result.
 const float ZIPMAP_OPAQUE = 1.0 / 2048.0;
 const float ZIPMAP_MAX_RECORDS = 65536.0;    // ends the loop whatever the data say
-
-vec4 zipmap_fetch(int index)
-{
-    return texelFetch(zipmapRecords, ivec2(index & ((1 << ZIPMAP_ROW_BITS) - 1), index >> ZIPMAP_ROW_BITS), 0);
-}
 
 // Leaf of the index that holds st: (first record, number of records).
 ivec2 zipmap_leaf(int slot, vec2 st)
@@ -45,7 +38,7 @@ ivec2 zipmap_leaf(int slot, vec2 st)
     vec4 node;
     bool isInner;
     do {
-        node = zipmap_fetch(index);
+        node = record_fetch(index);
         isInner = node.y < 0.0;
         float children = -node.y;
         position = inside * children;
@@ -70,10 +63,10 @@ vec4 zipmap_texel(vec2 texel, vec2 size, vec4 level, int pageClass)
     vec2 page = texel * level.xy + level.zw;
     vec2 end = size * level.xy + level.zw;
 #if ZIPMAP_SRGB
-    result = textureLod(zipmapPagesSrgb, ZIPMAP_STOP(page, level.zw, end, zipmapHalfTexel[0].xy), 0.0);
+    result = textureLod(pagesSrgb, ZIPMAP_STOP(page, level.zw, end, pageHalfTexel[PAGE_SRGB].xy), 0.0);
 #endif
 #if ZIPMAP_HALF
-    vec4 high = textureLod(zipmapPagesHalf, ZIPMAP_STOP(page, level.zw, end, zipmapHalfTexel[1].xy), 0.0);
+    vec4 high = textureLod(pagesHalf, ZIPMAP_STOP(page, level.zw, end, pageHalfTexel[PAGE_HALF].xy), 0.0);
     result = ZIPMAP_SRGB == 0 || pageClass == 1 ? high : result;
 #endif
     return result;
@@ -102,9 +95,9 @@ vec4 zipmap_tree_sample(int slot, vec2 st, vec2 dstdx, vec2 dstdy, out float lod
         int codes;
         int following;
         do {
-            rowX = zipmap_fetch(next);
-            rowY = zipmap_fetch(next + 1);
-            rowW = zipmap_fetch(next + 2);
+            rowX = record_fetch(next);
+            rowY = record_fetch(next + 1);
+            rowW = record_fetch(next + 2);
             mapped = vec3(dot(rowX.xyz, position), dot(rowY.xyz, position), dot(rowW.xyz, position));
             texel = mapped.xy / mapped.z;
             codes = int(rowW.w);
@@ -141,7 +134,7 @@ vec4 zipmap_tree_sample(int slot, vec2 st, vec2 dstdx, vec2 dstdy, out float lod
         int pageClass = codes >> 8;
         float opacity = 2.0 * (rowW.w - float(codes));
 #if ZIPMAP_LEVELS == 1 && !ZIPMAP_PROBES
-        vec4 sampled = zipmap_texel(place, size, zipmap_fetch(record + 4), pageClass);
+        vec4 sampled = zipmap_texel(place, size, record_fetch(record + 4), pageClass);
         float level = 0.0;
 #else
 #if ZIPMAP_PROBES
@@ -154,8 +147,8 @@ vec4 zipmap_tree_sample(int slot, vec2 st, vec2 dstdx, vec2 dstdy, out float lod
         float used = clamp(level, float(finest), float(coarsest));
         int fine = int(used);
         float blend = used - float(fine);
-        vec4 fineLevel = zipmap_fetch(record + 4 + fine - finest);
-        vec4 coarseLevel = zipmap_fetch(record + 4 + min(fine + 1, coarsest) - finest);
+        vec4 fineLevel = record_fetch(record + 4 + fine - finest);
+        vec4 coarseLevel = record_fetch(record + 4 + min(fine + 1, coarsest) - finest);
 #if ZIPMAP_PROBES
         vec4 sampled = vec4(0.0);
         float weight = 1.0 / probes;
@@ -183,7 +176,7 @@ vec4 zipmap_tree_sample(int slot, vec2 st, vec2 dstdx, vec2 dstdy, out float lod
         clear = 1.0 - color.a;
     } while (left > 0 && clear > ZIPMAP_OPAQUE);
     lod = topLod;
-    patchIndex = zipmap_fetch(top + 3).x;
+    patchIndex = record_fetch(top + 3).x;
     return color;
 }
 #endif

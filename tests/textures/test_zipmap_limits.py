@@ -18,7 +18,7 @@ from fexel.textures.system import TextureSystem
 def limited_system(gl, largest):
     """A system as on a GPU whose textures have at most `largest` texels along an axis."""
     system = TextureSystem(gl)
-    system.atlases = tuple(PageAtlas(gl, atlas.page_class, largest) for atlas in system.atlases)
+    system.pool.atlases = tuple(PageAtlas(gl, atlas.page_class, largest) for atlas in system.pool.atlases)
     return system
 
 
@@ -40,7 +40,7 @@ def test_limits_image_longer_than_a_texture_is_shown_coarser(gl, tmp_path, size,
     shape = (12000, 2) if size[0] > size[1] else (2, 12000)
     with pytest.warns(FexelWarning, match="coarser ones are shown") as caught:
         frames = [render_texture(gl, texture, quad(), front_view((0, 0), (1, 1), *shape), system) for _ in range(2)]
-    biggest = max(max(atlas.size) for atlas in system.atlases)
+    biggest = max(max(atlas.size) for atlas in system.pool.atlases)
     system.release()
     shown = frames[1][1, :, 0] if size[0] > size[1] else frames[1][:, 1, 0]
     assert len(caught) == 1

@@ -159,9 +159,11 @@ class DrawState:
                 defines["DOME"] = 1
         else:
             defines["LIGHT_COUNT"] = 0
+        includes: tuple[str, ...] = ()
         if binding is not None:
             defines |= binding.defines
-        return self.programs.get("mesh.vert", "mesh.frag", defines, item.surface.includes)
+            includes = binding.includes
+        return self.programs.get("mesh.vert", "mesh.frag", defines, includes)
 
     def _set_pass_uniforms(self, program: moderngl.Program, passed: Pass) -> None:
         viewpoint = self._viewpoint

@@ -155,11 +155,6 @@ class Surface:
         return f"st{self.st_primvars.index(texture.st_primvar)}"
 
     @cached_property
-    def includes(self) -> tuple[str, ...]:
-        """Shader files of the texture kinds."""
-        return tuple(dict.fromkeys(f"{texture.kind}.glsl" for texture in self.textures))
-
-    @cached_property
     def uniforms(self) -> dict[str, float | tuple[float, float, float]]:
         """Values of the constant inputs, by the uniform's name; non-finite ones are replaced by the fallback."""
         values = {}

@@ -1,20 +1,25 @@
 """Texture kinds: what a texture prim says, as data that the renderer keeps on the GPU.
 
-A kind is one vertical slice with the same stem everywhere: ``textures/<kind>.py`` here, ``shaders/<kind>.glsl``. Its
-module has ``PRIM_TYPES``, the prim types or shader ids that it reads, and ``extract(prim, time)``. To add a kind, add
-its module's name to `_KINDS`; nothing else here changes.
+A kind is one vertical slice with the same stem everywhere: ``textures/<kind>.py`` and ``textures/<kind>_gpu.py`` here,
+``shaders/<kind>.glsl``. The first has ``PRIM_TYPES``, the prim types or shader ids that it reads, and ``extract(prim,
+time, nested)``; the second is what `fexel.textures.kind.KindGpu` says. To add a kind, append its name to `_KINDS`;
+nothing else here changes.
 """
 
 from __future__ import annotations
 
+import functools
 import importlib
-from typing import Any
+from typing import TYPE_CHECKING, Any, cast
 
 from pxr import Usd, UsdShade
 
 from fexel.errors import FexelError
 
-__all__ = ["extract_texture", "texture_kind"]
+if TYPE_CHECKING:
+    from fexel.textures.kind import KindGpu
+
+__all__ = ["extract_texture", "gpu_half", "kind_number", "texture_kind"]
 
 _KINDS = ("zipmap",)
 
@@ -30,7 +35,7 @@ def texture_kind(prim: Usd.Prim) -> str | None:
     return _kind_of_type().get(str(name))
 
 
-def extract_texture(prim: Usd.Prim, time: Usd.TimeCode | float) -> tuple[str, Any]:
+def extract_texture(prim: Usd.Prim, time: Usd.TimeCode | float, nested: bool = False) -> tuple[str, Any]:
     """Read a texture prim at one time.
 
     Parameters
@@ -38,6 +43,8 @@ def extract_texture(prim: Usd.Prim, time: Usd.TimeCode | float) -> tuple[str, An
     prim : Usd.Prim
         A FexelTexture, or a Shader with id UsdUVTexture.
     time : Usd.TimeCode or float
+    nested : bool
+        As a patch of another texture: transparent outside of [0, 1]^2. Its matrix and opacity are for that to apply.
 
     Returns
     -------
@@ -54,9 +61,20 @@ def extract_texture(prim: Usd.Prim, time: Usd.TimeCode | float) -> tuple[str, An
     if kind is None:
         known = ", ".join(sorted(_kind_of_type()))
         raise FexelError(f"{prim.GetPath()}: prim of type {prim.GetTypeName() or '(none)'}, expected one of {known}")
-    return kind, importlib.import_module(f"fexel.textures.{kind}").extract(prim, Usd.TimeCode(time))
+    return kind, importlib.import_module(f"fexel.textures.{kind}").extract(prim, Usd.TimeCode(time), nested)
 
 
+def gpu_half(kind: str) -> KindGpu:
+    """What brings a kind's data to the GPU."""
+    return cast("KindGpu", importlib.import_module(f"fexel.textures.{kind}_gpu"))
+
+
+def kind_number(kind: str) -> int:
+    """Number by which records and shaders know a kind."""
+    return _KINDS.index(kind)
+
+
+@functools.cache
 def _kind_of_type() -> dict[str, str]:
     modules = {kind: importlib.import_module(f"fexel.textures.{kind}") for kind in _KINDS}
     return {name: kind for kind, module in modules.items() for name in module.PRIM_TYPES}

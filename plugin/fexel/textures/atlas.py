@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from fexel.textures.pyramid_cache import BYTES_PER_TEXEL, HALF, SRGB
+from fexel.textures.page_format import PAGE_FORMATS
 
 if TYPE_CHECKING:
     import moderngl
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 __all__ = ["Box", "PageAtlas", "Resident"]
 
 Box = tuple[int, int, int, int]
-_GL_SRGB8_ALPHA8 = 0x8C43
 _GROW = 256
 
 
@@ -83,6 +82,7 @@ class PageAtlas:
     def __init__(self, gl: moderngl.Context, page_class: int, largest: int | None = None) -> None:
         self._gl = gl
         self.page_class = page_class
+        self._format = PAGE_FORMATS[page_class]
         self.largest = largest or int(gl.info["GL_MAX_TEXTURE_SIZE"])
         self.texture: moderngl.Texture | None = None
         self.residents: dict[Hashable, Resident] = {}
@@ -96,7 +96,7 @@ class PageAtlas:
     @property
     def nbytes(self) -> int:
         """Texture memory."""
-        return self.size[0] * self.size[1] * BYTES_PER_TEXEL[self.page_class] if self.texture else 0
+        return self.size[0] * self.size[1] * self._format.bytes_per_texel if self.texture else 0
 
     def bytes_for(self, needs: dict[Hashable, Box], afresh: bool = False) -> float:
         """Most bytes of the page once it holds these windows; infinite where they have no room in one page.
@@ -108,7 +108,7 @@ class PageAtlas:
         packed = self._packed(needs) if needs else None
         if packed is None:
             return np.inf if needs else 0
-        nbytes = packed[0].width * self._height(packed[0]) * BYTES_PER_TEXEL[self.page_class]
+        nbytes = packed[0].width * self._height(packed[0]) * self._format.bytes_per_texel
         return nbytes if afresh else max(nbytes, self.nbytes)
 
     def _missing(self, needs: dict[Hashable, Box]) -> list[Hashable]:
@@ -150,9 +150,8 @@ class PageAtlas:
     def _allocate(self, width: int, height: int) -> None:
         if self.texture:
             self.texture.release()
-        half = self.page_class == HALF
-        internal = _GL_SRGB8_ALPHA8 if self.page_class == SRGB else None
-        self.texture = self._gl.texture((width, height), 4, dtype="f2" if half else "f1", internal_format=internal)
+        page = self._format
+        self.texture = self._gl.texture((width, height), 4, dtype=page.dtype, internal_format=page.internal_format)
         self.texture.filter = (self._gl.LINEAR, self._gl.LINEAR)
         self.texture.repeat_x = self.texture.repeat_y = False
 

@@ -2,9 +2,7 @@
 
 Tiled files with mip levels are read in part. Of any other file the pyramid is made in strips of rows (`fexel.mipmaps`)
 and kept while it is used, up to a limit; level 0 only once it is asked for. Stored texels are linear and premultiplied:
-page class SRGB keeps them sRGB-encoded in 8 bits, HALF as 16-bit floats. 8-bit data that is not colour (normals,
-roughness) is HALF as well: software rasterisers filter plain 8-bit textures with 8-bit weights and results, which is
-off by more than one step after a blend.
+page class SRGB keeps them sRGB-encoded in 8 bits, HALF, which is for all that is not 8-bit colour, as 16-bit floats.
 """
 
 from __future__ import annotations
@@ -19,12 +17,11 @@ from numpy.typing import NDArray
 
 from fexel import images, mipmaps
 from fexel.errors import FexelError, FexelWarning
-from fexel.textures.zipmap import ImageSource
+from fexel.textures.image_source import ImageSource
+from fexel.textures.page_format import HALF, SRGB
 
-__all__ = ["BYTES_PER_TEXEL", "HALF", "SRGB", "ImageFacts", "PyramidCache"]
+__all__ = ["HALF", "SRGB", "ImageFacts", "PyramidCache"]
 
-SRGB, HALF = range(2)
-BYTES_PER_TEXEL = (4, 8)
 _KEEP_BYTES = 512 * 2**20
 _STRIP_TEXELS = 2**18
 _IDENTITY = ((1.0, 1.0, 1.0, 1.0), (0.0, 0.0, 0.0, 0.0))
@@ -45,12 +42,20 @@ class ImageFacts:
         Resolved: ``patch``, ``black``, ``clamp``, ``repeat`` or ``mirror``.
     info : ImageInfo or None
         None where the fallback colour stands in.
+    has_levels : bool
+        Whether there are mip levels besides level 0.
     """
 
     size: tuple[int, int]
     page_class: int
     wrap: tuple[str, str]
     info: images.ImageInfo | None
+    has_levels: bool = True
+
+    @property
+    def last_level(self) -> int:
+        """Number of the coarsest mip level."""
+        return mipmaps.level_count(*self.size) - 1 if self.has_levels else 0
 
 
 class PyramidCache:

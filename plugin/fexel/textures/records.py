@@ -1,5 +1,4 @@
-"""The data texture that shaders/zipmap.glsl reads: nodes of the index, a record per (leaf, layer) pair, mip level
-places.
+"""What shaders/zipmap_tree.glsl reads of the record texture: nodes of the index, a record per (leaf, layer) pair.
 
 Layouts are described in the shader. Everything is computed in float64 and stored as float32: matrices lead from local
 st, which is of the size of the view, to texels, so that nothing cancels.
@@ -13,9 +12,8 @@ from numpy.typing import NDArray
 from fexel.textures.index import Tree
 from fexel.textures.residency import PairView
 
-__all__ = ["HEADER", "ROW", "texel_matrices", "write_nodes", "write_records"]
+__all__ = ["HEADER", "texel_matrices", "write_nodes", "write_records"]
 
-ROW = 1024
 HEADER = 4
 
 
@@ -48,7 +46,8 @@ def write_records(
         Finest and coarsest mip level of each.
     layers : dict
         Per layer: ``matrix`` (N, 3, 3) of `texel_matrices`, ``size`` (N, 2), ``opacity`` (N,), ``page_class`` (N,),
-        ``image`` (N,), ``number`` (N,).
+        ``image`` (N,), ``number`` (N,), ``kind`` and ``record`` (N,). A texture of another kind has ``image`` -1, an
+        image has ``kind`` and ``record`` 0.
     places : (S, L, 4) float64
         Per image and level: scale and offset from texels of level 0 to page coordinates.
 
@@ -68,10 +67,11 @@ def write_records(
     for row in range(3):
         records[start + row, :3] = layers["matrix"][layer, row]
         records[start + row, 3] = ends[:, row]
-    records[start + 3, 0] = layers["number"][layer]
+    records[start + 3, :3] = np.column_stack([layers[name][layer] for name in ("number", "kind", "record")])
     for step in range(int((coarsest - finest).max(initial=-1)) + 1):
         at = np.flatnonzero(finest + step <= coarsest)
-        records[start[at] + HEADER + step] = places[layers["image"][layer[at]], finest[at] + step]
+        image = layers["image"][layer[at]]
+        records[start[at] + HEADER + step] = np.where((image >= 0)[:, None], places[image, finest[at] + step], 0.0)
     return records.astype(np.float32), start
 
 

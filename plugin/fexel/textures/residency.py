@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from fexel.textures.index import Tree
 
-__all__ = ["PairView", "Windows", "drop_levels", "view_pairs"]
+__all__ = ["MAX_LEVELS", "PairView", "Windows", "drop_levels", "pair_levels", "view_pairs"]
 
 # The Jacobian is evaluated at the corners and the centre of a leaf; it may be a little smaller in between.
 _LOD_MARGIN = 0.2
@@ -95,6 +95,14 @@ def view_pairs(
     uv_low = np.where(whole, 0.0, uv.min(axis=1))
     uv_high = np.where(whole, 1.0, uv.max(axis=1))
     return PairView(cell, layer, np.minimum(lod_low, lod_high), lod_high, uv_low, uv_high, probes.max(axis=(1, 2)))
+
+
+def pair_levels(pairs: PairView, size: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Finest and coarsest mip level that each pair shows, (K,) each; `size` (N, 2) is that of each layer's image."""
+    last = np.array([int(max(each)).bit_length() - 1 for each in size], np.int64)[pairs.layer]
+    last = np.minimum(last, MAX_LEVELS - 1)
+    finest = np.floor(pairs.lod_low).clip(0, last).astype(np.int64)
+    return finest, (np.floor(pairs.lod_high) + 1).clip(0, last).astype(np.int64)
 
 
 def _sample_points(low: NDArray[np.float64], high: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -178,6 +186,7 @@ def drop_levels(
     sizes: NDArray[np.int64],
     bytes_per_texel: NDArray[np.int64],
     budget: float,
+    last: NDArray[np.int64] | None = None,
     largest: int = 2**31 - 1,
 ) -> tuple[NDArray[np.int64], int]:
     """Replace the finest levels of the costliest images by coarser ones, in place, until the rest fits.
@@ -192,7 +201,9 @@ def drop_levels(
         Level 0.
     bytes_per_texel : (S,) int
     budget : float
-        Bytes. Where even single texels exceed it, those stay.
+        Bytes. Where even the coarsest levels exceed it, those stay.
+    last : (S,) int, optional
+        Coarsest level of each image; default that of one texel.
     largest : int
         Most texels along an axis of a stored window, its border included.
 
@@ -203,7 +214,9 @@ def drop_levels(
     dropped : int
         How many levels were left out.
     """
-    last = np.array([min(int(max(size)).bit_length(), MAX_LEVELS) - 1 for size in sizes], np.int64)
+    if last is None:
+        last = np.array([int(max(size)).bit_length() - 1 for size in sizes], np.int64)
+    last = np.minimum(last, MAX_LEVELS - 1)
     finest = np.zeros(len(last), np.int64)
     dropped = _drop_too_long(windows, sizes, last, finest, largest)
     cost = windows.texels() * bytes_per_texel[:, None]

@@ -1,0 +1,70 @@
+"""PinchmapTexture prims as data: a signal image and the pinchmap that warps it (Tarini and Cignoni 2005).
+
+No file is touched: images are opened only when a frame sees them. The pinchmap is raw data whatever colour space is
+authored; that of the signal is as on any texture.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from pxr import Usd
+
+from fexel.textures.image_source import ImageSource, image_source
+from fexel.textures.inputs import Inputs, warn_of_filter
+
+__all__ = ["PRIM_TYPES", "PinchmapData", "extract"]
+
+PRIM_TYPES = ("PinchmapTexture",)
+
+
+@dataclass(frozen=True)
+class PinchmapData:
+    """A pinchmap texture at one time.
+
+    Attributes
+    ----------
+    signal : ImageSource
+        ``inputs:file``. A patch's clamps: what is transparent outside of [0, 1]^2 is decided by its coordinates.
+    pinchmap : str
+        Resolved path of the channels d_s, d_t, k, gamma; '' for a plain image.
+    antialias : float
+        Width of the transition across a discontinuity in pixels, >= 0; 0 is a hard edge.
+    line_width : float
+        Width of a solid line along the discontinuities in texels of the pinchmap, >= 0; 0 is none.
+    line_color : 4-tuple
+        Linear rgba, straight alpha.
+    """
+
+    signal: ImageSource
+    pinchmap: str
+    antialias: float = 1.0
+    line_width: float = 0.0
+    line_color: tuple[float, ...] = (0.0, 0.0, 0.0, 1.0)
+
+
+def extract(prim: Usd.Prim, time: Usd.TimeCode, nested: bool = False) -> PinchmapData:
+    """Read a PinchmapTexture at one time.
+
+    Parameters
+    ----------
+    prim : Usd.Prim
+    time : Usd.TimeCode
+    nested : bool
+        As a patch of another texture: transparent outside of [0, 1]^2. Its matrix and opacity are for that to apply.
+
+    Warns
+    -----
+    FexelWarning
+        Per attribute: unknown token, value that is not finite or negative where it must not be.
+    """
+    inputs = Inputs(prim, time)
+    warn_of_filter(inputs)
+    signal = image_source(inputs, nested)
+    return PinchmapData(
+        signal=replace(signal, wrap=("clamp", "clamp")) if nested else signal,
+        pinchmap=inputs.asset("pinchmap"),
+        antialias=inputs.number("antialias", 1.0, 0.0),
+        line_width=inputs.number("lineWidth", 0.0, 0.0),
+        line_color=inputs.vector("lineColor", (0.0, 0.0, 0.0, 1.0)),
+    )

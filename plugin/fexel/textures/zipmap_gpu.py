@@ -1,0 +1,180 @@
+"""Zipmaps on the GPU: which layers, levels and windows a view sees, and the records by which the shader finds them.
+
+Layers are found through an index over the view (`fexel.textures.index`); a few affine ones of like shape are a list
+instead (`fexel.textures.layer_list`). A layer of another kind is planned by that kind, for the part of the view that it
+covers, and known in the zipmap's records by its kind and the place of its own record.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fexel import homography
+from fexel.textures import gpu_half, kind_number
+from fexel.textures.index import LocalPieces, Tree, build_tree
+from fexel.textures.kind import Plan, Sight
+from fexel.textures.layer_list import layer_list
+from fexel.textures.pool import TexturePool
+from fexel.textures.records import texel_matrices, write_nodes, write_records
+from fexel.textures.residency import PairView, pair_levels, view_pairs
+from fexel.textures.zipmap import ZipmapData
+from fexel.textures.zipmap_binding import ZipmapSlot, bind
+
+__all__ = ["bind", "plan"]
+
+_WRAP_CODES = {"patch": 0.0, "black": 0.0, "clamp": 1.0, "repeat": 2.0, "mirror": 3.0}
+
+
+@dataclass(frozen=True, eq=False)
+class _Layers:
+    """Layers whose bounds touch what is seen, the root first; arrays of length N.
+
+    `image` is the number in the pool, -1 for a texture of another kind or one that no cell lists; `size` is in texels,
+    1 x 1 for another kind, so that its texel coordinates are its st.
+    """
+
+    number: NDArray[np.int64]
+    local_to_layer: NDArray[np.float64]
+    image: NDArray[np.int64]
+    size: NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class _ZipmapPlan:
+    """One zipmap of one view."""
+
+    data: ZipmapData
+    layers: _Layers
+    tree: Tree
+    pairs: PairView
+    levels: tuple[NDArray[np.int64], NDArray[np.int64]]
+    wrap: tuple[str, str]
+    others: dict[int, tuple[str, Plan]]
+
+    @property
+    def layers_total(self) -> int:
+        return len(self.data.paths)
+
+    @property
+    def layers_seen(self) -> Collection[str]:
+        return {self.data.paths[self.layers.number[layer]] for layer in np.unique(self.pairs.layer)}
+
+    def write(self, pool: TexturePool) -> ZipmapSlot:
+        slots = {layer: other.write(pool) for layer, (_, other) in self.others.items()}
+        facts = self._layer_facts(pool)
+        for layer, slot in slots.items():
+            facts["kind"][layer], facts["record"][layer] = kind_number(slot.kind), slot.record
+        levels = self._levels_within(pool.finest)
+        base = pool.records.next
+        records, start = write_records(self.pairs, levels, facts, pool.places)
+        pool.records.append(records)
+        first_node = pool.records.append(write_nodes(self.tree, self.pairs, start + base, base + len(records)))
+        listed = None if slots else layer_list(self.tree, self.pairs, levels, facts, pool.places)
+        probes = bool((self.pairs.probes > 1).any())
+        scale = 1.0 / self.tree.cell_size
+        shown = np.unique(self.layers.image[self.pairs.layer])
+        return ZipmapSlot(
+            kind="zipmap",
+            page_classes=frozenset(int(c) for c in pool.page_class[shown[shown >= 0]]),
+            record=first_node,
+            nested=tuple(slots.values()),
+            grid=np.concatenate([scale, -self.tree.origin * scale]),
+            shape=self.tree.shape,
+            wrap=(_WRAP_CODES[self.wrap[0]], _WRAP_CODES[self.wrap[1]]),
+            scale=self.data.scale,
+            bias=self.data.bias,
+            levels=2 if (levels[1] > levels[0]).any() else 1,
+            probes=probes,
+            outside=self._root_is_seen_outside(probes),
+            layers=listed,
+        )
+
+    def _layer_facts(self, pool: TexturePool) -> dict[str, NDArray]:
+        layers = self.layers
+        is_image = layers.image >= 0
+        return {
+            "matrix": texel_matrices(layers.local_to_layer, layers.size.astype(np.float64)),
+            "size": layers.size,
+            "opacity": self.data.opacity[layers.number],
+            "page_class": np.where(is_image, pool.page_class[layers.image], 0),
+            "image": layers.image,
+            "number": layers.number,
+            "kind": np.zeros(len(is_image), np.int64),
+            "record": np.zeros(len(is_image), np.int64),
+        }
+
+    def _levels_within(self, image_finest: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Levels of the pairs that are resident."""
+        image = self.layers.image[self.pairs.layer]
+        finest = np.maximum(self.levels[0], np.where(image >= 0, image_finest[image], 0))
+        return finest, np.maximum(self.levels[1], finest)
+
+    def _root_is_seen_outside(self, probes: bool) -> bool:
+        """Whether the root's wrap mode matters; anisotropic probes may reach across its edge from within."""
+        if probes and self.wrap != ("clamp", "clamp"):
+            return True
+        visible = self.tree.visible
+        seen = np.concatenate([self.tree.low[visible], self.tree.high[visible]])
+        corners = homography.UNIT_SQUARE * np.ptp(seen, axis=0) + seen.min(axis=0)
+        root_st = homography.apply(self.layers.local_to_layer[0], corners)
+        # 1e-5 is far below a texel; a surface whose st end at 0 and 1 may exceed them by rounding.
+        return not bool(((root_st >= -1e-5) & (root_st <= 1 + 1e-5)).all())
+
+
+def plan(data: ZipmapData, sight: Sight, pool: TexturePool) -> _ZipmapPlan:
+    """What a view sees of a zipmap; see `fexel.textures.kind.KindGpu`."""
+    number = _in_bounds(data, sight)
+    local_to_layer = homography.normalize(sight.local_to_st @ data.root_to_patch[number])
+    bounds = homography.unit_square_bounds(local_to_layer)
+    bounds[0] = -np.inf, -np.inf, np.inf, np.inf
+    tree = build_tree(sight.pieces, local_to_layer, bounds)
+    nested = {other.layer: other for other in data.nested}
+    layers = _Layers(number, local_to_layer, np.full(len(number), -1, np.int64), np.ones((len(number), 2), np.int64))
+    is_other = np.isin(number, list(nested))
+    for layer in np.unique(np.append(tree.pair_layer[~is_other[tree.pair_layer]], 0)):
+        source = data.sources[data.source_index[number[layer]]]
+        layers.image[layer] = pool.image(source, data.paths[number[layer]])
+        layers.size[layer] = pool.facts(layers.image[layer]).size
+    pairs = view_pairs(tree, local_to_layer, bounds, layers.size.astype(np.float64), pool.anisotropy)
+    pairs = pairs[_shows(pairs, layers.size, is_other)]
+    levels = pair_levels(pairs, layers.size)
+    at = layers.image[pairs.layer] >= 0
+    image = layers.image[pairs.layer[at]]
+    pool.ask(image, (levels[0][at], levels[1][at]), (pairs.low[at], pairs.high[at]))
+    others = {}
+    for layer in np.unique(pairs.layer[~at]):
+        other = nested[number[layer]]
+        part = _part(tree, pairs, layer, local_to_layer[layer], data.paths[number[layer]])
+        others[int(layer)] = other.kind, gpu_half(other.kind).plan(other.data, part, pool)
+    wrap = pool.facts(int(layers.image[0])).wrap
+    return _ZipmapPlan(data, layers, tree, pairs, levels, wrap, others)
+
+
+def _in_bounds(data: ZipmapData, sight: Sight) -> NDArray[np.int64]:
+    """Layers whose bounds touch what is seen; the root, layer 0, first."""
+    low, high = sight.pieces.low.min(axis=0), sight.pieces.high.max(axis=0)
+    corners = homography.apply(sight.local_to_st, low + homography.UNIT_SQUARE * (high - low))
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    touches = ((data.bounds[:, :2] <= high) & (data.bounds[:, 2:] >= low)).all(axis=1)
+    touches[0] = True
+    return np.flatnonzero(touches & ((data.opacity > 0) | (np.arange(len(touches)) == 0)))
+
+
+def _shows(pairs: PairView, size: NDArray[np.int64], is_other: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Pairs whose patch is not yet all rim: a level under 3 texels wide or high is empty. One of another kind, of size
+    1 x 1, shows until it is as small as half a pixel.
+    """
+    smallest = size.min(axis=1)
+    last_shown = np.where(smallest >= 3, np.floor(np.log2(np.maximum(smallest, 3) / 3)), -1.0)
+    last_shown[is_other] = 0.0
+    return (pairs.layer == 0) | (pairs.lod_low < last_shown[pairs.layer] + 1)
+
+
+def _part(tree: Tree, pairs: PairView, layer: int, local_to_layer: NDArray, path: str) -> Sight:
+    """What is seen of a nested texture: the leaves that list it."""
+    cell = pairs.cell[pairs.layer == layer]
+    return Sight(path, LocalPieces(tree.low[cell], tree.high[cell], tree.jacobian[cell]), local_to_layer, nested=True)
