@@ -1,0 +1,206 @@
+"""Mask and gamma of a pinchmap from a two-sided image.
+
+A point shows the + side where k^B > gamma^B (Tarini and Cignoni 2005, section 5.1), so that the shape depends on the level
+g = k - gamma alone: its bilinear interpolation's zero set is the line. The fit solves for the levels without regard to a
+mask (least squares on the boundary, then descent on the exact error), chooses the legal mask that contradicts their signs
+least (section 4.4 and `pinchmap_mask`: an inactive texel has the sign of its side, an active one is free), and searches
+levels and mask together on the exact error, on the grid of the file's bits.
+
+A cell of more than 32 pixels is fitted on an area-averaged image (its boundary is then exact to about 1/32 of a pixel of
+that image), a cell of less than 8 on a smoothly enlarged one; the mismatch is always counted on the source's pixels.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from math import ceil
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from fexel.errors import FexelError
+from fexel_tools.pinchmap_gamma import Lattice, cell_errors, lattice_of
+from fexel_tools.pinchmap_legal import legalise, update_active
+from fexel_tools.pinchmap_mask import channels, violations
+from fexel_tools.pinchmap_search import clip_levels, costs_of_turning, search, sweep, sweep_freely
+from fexel_tools.pinchmap_start import boundary_points, least_squares_levels, source_levels
+
+__all__ = ["Fault", "PinchmapFit", "fit"]
+
+_UNITS = {8: 1 / 127, 16: 1 / 32767, 32: 1 / 32767}
+_MOST_PIXELS, _FEWEST_PIXELS = 32, 8  # along a cell, of the image that is fitted
+
+Window = tuple[float, float, float, float]
+
+
+@dataclass(frozen=True)
+class Fault:
+    """A place where a pinchmap cannot follow its source.
+
+    Attributes
+    ----------
+    x, y : float
+        In source pixels from the upper left corner.
+    reason : str
+        ``crossing``, ``junction``, ``too near`` or ``too small``.
+    pixels : int
+        Wrong there.
+    """
+
+    x: float
+    y: float
+    reason: str
+    pixels: int
+
+
+@dataclass(frozen=True)
+class PinchmapFit:
+    """A pinchmap and how well it shows its source.
+
+    Attributes
+    ----------
+    pinchmap : (Nh, Nw, 4) float64
+        d_s, d_t, k, gamma at strength 1, on the grid of the file's bits.
+    mask : (Nh, Nw) bool
+        Side of every cell, legal.
+    mismatch : float
+        Share of the source's pixels on the wrong side.
+    window : (float, float, float, float)
+        Left, top, right and bottom of the map in source pixels.
+    faults : tuple of Fault
+        Most important first.
+    """
+
+    pinchmap: NDArray[np.float64]
+    mask: NDArray[np.bool_]
+    mismatch: float
+    window: Window
+    faults: tuple[Fault, ...] = field(default=())
+
+
+def fit(
+    side: NDArray[np.float32],
+    shape: tuple[int, int],
+    *,
+    wrap: tuple[str, str] = ("clamp", "clamp"),
+    seed: int = 0,
+    bits: int = 8,
+    window: Window | None = None,
+) -> PinchmapFit:
+    """Fit a pinchmap to a two-sided image.
+
+    Parameters
+    ----------
+    side : (H, W) float32
+        In [0, 1], row 0 at the top; above 0.5 is the + side. NaN counts as 0.
+    shape : (int, int)
+        Rows and columns of texels, at least 1.
+    wrap : (str, str)
+        Along s and t; ``repeat`` joins the borders.
+    seed : int
+        Of the search; equal seeds give equal maps.
+    bits : {8, 16, 32}
+        Of the file that will hold the map.
+    window : (float, float, float, float), optional
+        Left, top, right and bottom of the map in source pixels; the whole image where not given.
+    """
+    side = np.nan_to_num(np.asarray(side, np.float32), nan=0.0)
+    if side.ndim != 2 or side.size == 0:
+        raise FexelError(f"side image of a pinchmap: shape {side.shape}, expected (H, W) with pixels")
+    if min(shape) < 1:
+        raise FexelError(f"pinchmap of {shape[1]}x{shape[0]} texels, expected at least 1x1")
+    if bits not in _UNITS:
+        raise FexelError(f"pinchmap of {bits} bits, expected 8, 16 or 32")
+    repeat = (wrap[0] == "repeat", wrap[1] == "repeat")
+    full = window or (0.0, 0.0, float(side.shape[1]), float(side.shape[0]))
+    unit = _UNITS[bits]
+    image, scaled = _at_working_size(side, shape, full)
+    lattice = lattice_of((image > 0.5).astype(np.uint8), shape, repeat, scaled)
+    if not ((lattice.start >= 0).any() or len(np.unique(lattice.start)) > 1):
+        mask = np.full(shape, bool(lattice.ones.any()))
+        levels = np.where(mask, 1.0, -1.0)
+    else:
+        levels, mask = _solve(image, lattice, shape, repeat, scaled, unit, seed)
+    pinchmap = _pinchmap_of(levels, mask, wrap, unit)
+    wrong = _wrong_pixels(side, shape, repeat, full, pinchmap)
+    return PinchmapFit(pinchmap, mask, wrong / side.size, full)
+
+
+def _at_working_size(side: NDArray, shape: tuple[int, int], window: Window) -> tuple[NDArray, Window]:
+    """The image resized so that a cell has between 8 and 32 pixels a side, and the window in its pixels."""
+    factors = []
+    for first, last, cells in ((window[0], window[2], shape[1]), (window[1], window[3], shape[0])):
+        size = (last - first) / cells
+        factors.append(1 / ceil(size / _MOST_PIXELS) if size > _MOST_PIXELS else max(ceil(_FEWEST_PIXELS / size), 1))
+    if factors == [1, 1]:
+        return side, window
+    height, width = (max(round(n * f), 1) for n, f in zip(side.shape, factors[::-1], strict=True))
+    for n, axis in ((width, 1), (height, 0)):
+        smaller = n < side.shape[axis]
+        target = (n, side.shape[0]) if axis == 1 else (side.shape[1], n)
+        side = cv2.resize(side, target, interpolation=cv2.INTER_AREA if smaller else cv2.INTER_CUBIC)
+    fx, fy = width / (window[2] - window[0]), height / (window[3] - window[1])
+    fx, fy = factors[0], factors[1]
+    return np.ascontiguousarray(side, np.float32), (window[0] * fx, window[1] * fy, window[2] * fx, window[3] * fy)
+
+
+def _solve(image, lattice: Lattice, shape, repeat, window, unit: float, seed: int):
+    """Levels on the grid and a legal mask."""
+    points = boundary_points(image, shape, window)
+    plus = _side_at_texels(image, shape, window) > 0.5
+    distance = source_levels(points, len(points), plus, repeat[1], repeat[0])
+    low, high = np.where(plus, 0.01, -1.0), np.where(plus, 1.0, -0.01)
+    pixel = 1 / max(lattice.width, lattice.height)
+    levels = least_squares_levels(points, distance, low, high, repeat, pixel)
+    errors = np.zeros(shape, np.int64)
+    cell_errors(lattice, levels, errors)
+    for _ in range(2):
+        sweep_freely(lattice, levels, errors, 0.1, 0.004)
+    mask = _legal_mask(lattice, levels, errors, distance, repeat, seed)
+    cells, active = mask.astype(np.uint8), np.empty(shape, np.uint8)
+    update_active(cells, active, 0, 0, *shape, repeat[1], repeat[0])
+    levels = np.rint(levels / unit) * unit
+    clip_levels(cells, active, levels, unit)
+    cell_errors(lattice, levels, errors)
+    coarse = unit * 2.0 ** max(round(np.log2(0.0625 / unit)), 0)
+    for _ in range(2):
+        sweep(lattice, cells, active, levels, errors, unit, coarse, unit)
+    search(lattice, cells, active, levels, errors, unit, coarse, 2000, 0.3, seed)
+    return levels, cells.astype(bool)
+
+
+def _legal_mask(lattice: Lattice, levels, errors, distance, repeat, seed):
+    area = np.diff(lattice.rows)[:, None] * np.diff(lattice.columns)
+    mask = 2 * lattice.ones > area
+    turning = costs_of_turning(lattice, levels, errors)
+    turning = np.where(np.abs(distance) < 1, turning, np.sign(distance) * 2 * area.max())
+    wrap = ("repeat" if repeat[0] else "clamp", "repeat" if repeat[1] else "clamp")
+    wanted = (np.abs(distance) < 1) | (violations(mask, wrap) > 0)
+    near = cv2.dilate(wanted.astype(np.uint8), np.ones((3, 3), np.uint8))
+    places = np.argwhere(near)
+    cost = 0.05 * (area - 2.0 * lattice.ones)
+    return legalise(mask, cost, turning, repeat, places, float(area.max()), 100 * len(places), seed)
+
+
+def _side_at_texels(image, shape, window):
+    """The image, bilinearly interpolated, at the texels."""
+    x = window[0] + np.arange(shape[1]) * (window[2] - window[0]) / shape[1]
+    y = window[1] + (np.arange(shape[0]) + 1) * (window[3] - window[1]) / shape[0]
+    columns, rows = np.meshgrid(x - 0.5, y - 0.5)
+    return cv2.remap(
+        image, columns.astype(np.float32), rows.astype(np.float32), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+    )
+
+
+def _pinchmap_of(levels, mask, wrap, unit):
+    parts = channels(mask, wrap)
+    gamma = np.rint((parts[..., 2] - levels) / unit) * unit
+    return np.concatenate([parts, np.clip(gamma, -1 + unit, 1 - unit)[..., None]], axis=2)
+
+
+def _wrong_pixels(side, shape, repeat, window, pinchmap) -> int:
+    """On the source's own pixels; those outside the window see the map clamped."""
+    lattice = lattice_of((side > 0.5).astype(np.uint8), shape, repeat, window)
+    errors = np.zeros(shape, np.int64)
+    return int(cell_errors(lattice, pinchmap[..., 2] - pinchmap[..., 3], errors))

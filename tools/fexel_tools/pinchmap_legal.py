@@ -1,0 +1,281 @@
+"""The nearest mask that a pinchmap can express, found by a local search that always ends in one; compiled.
+
+`fexel_tools.pinchmap_mask` says which masks are legal. What a mask costs is of two kinds: a cell on the wrong side of the
+image's majority (a little: gamma moves the boundary within the cells beside it), and an inactive texel whose side the
+image contradicts (much: gamma cannot turn its sign). Moves set rectangles of cells to one side. Where no small one lowers
+the number of broken rules, larger squares are tried, up to the whole map, which is legal: so the search ends.
+"""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["broken_near", "legalise", "update_active"]
+
+_compiled = numba.njit(cache=True, nogil=True, error_model="numpy")
+
+
+def legalise(
+    mask: NDArray[np.bool_],
+    cell_cost: NDArray[np.float64],
+    texel_cost: NDArray[np.float64],
+    repeat: tuple[bool, bool],
+    places=None,
+    unit=1.0,
+    trials=0,
+    seed=0,
+) -> NDArray[np.bool_]:
+    """A legal mask of low cost.
+
+    Parameters
+    ----------
+    mask : (Nh, Nw) bool
+        Where to start.
+    cell_cost : (Nh, Nw) float64
+        Cost of a cell on the + side less that of one on the - side.
+    texel_cost : (Nh, Nw) float64
+        Cost of an inactive texel: positive numbers where it is on the - side, negative ones, by their amount, where it
+        is on the + side.
+    repeat : (bool, bool)
+        Along s and t: whether the map repeats.
+    """
+    cells = np.ascontiguousarray(mask, np.uint8)
+    active = np.empty_like(cells)
+    update_active(cells, active, 0, 0, cells.shape[0], cells.shape[1], repeat[1], repeat[0])
+    scale = max(float(np.abs(texel_cost).max(initial=0.0)), float(np.abs(cell_cost).max(initial=0.0)), 1.0)
+    if trials:
+        _anneal(cells, active, cell_cost, texel_cost, places, unit, trials, repeat[1], repeat[0], seed)
+    for penalty in (0.25 * scale, scale, 4 * scale, 1e9 * scale):
+        _improve(cells, active, cell_cost, texel_cost, penalty, repeat[1], repeat[0], 8)
+    _force(cells, active, cell_cost, texel_cost, repeat[1], repeat[0])
+    return cells.astype(bool)
+
+
+@_compiled
+def _row(i, n, repeat):
+    if i < 0:
+        return i + n if repeat else 0
+    if i >= n:
+        return i - n if repeat else n - 1
+    return i
+
+
+@_compiled
+def update_active(mask, active, r0, c0, height, width, repeat_t, repeat_s):
+    """Recompute which texels at the corners of the cells [r0, r0 + height) x [c0, c0 + width) are active."""
+    nh, nw = mask.shape
+    for i in range(r0 - 1, r0 + height):
+        if i < 0 and not repeat_t:
+            continue
+        r = _row(i, nh, repeat_t)
+        below = _row(r + 1, nh, repeat_t)
+        for j in range(c0, c0 + width + 1):
+            if j >= nw and not repeat_s:
+                continue
+            c = _row(j, nw, repeat_s)
+            left = _row(c - 1, nw, repeat_s)
+            total = mask[r, left] + mask[r, c] + mask[below, left] + mask[below, c]
+            active[r, c] = 1 if 0 < total < 4 else 0
+
+
+@_compiled
+def _broken(mask, active, r, c, repeat_t, repeat_s):
+    """How many rules the mask breaks at index [r, c] of `pinchmap_mask.violations`."""
+    nh, nw = mask.shape
+    up, right = _row(r - 1, nh, repeat_t), _row(c + 1, nw, repeat_s)
+    here, beside, above, across = active[r, c], active[r, right], active[up, c], active[up, right]
+    number = here + beside + above + across
+    if number == 0:
+        return 0
+    count = 0
+    if number == 4 or (number == 2 and here == across):
+        count += 1
+    if here:
+        left, below = _row(c - 1, nw, repeat_s), _row(r + 1, nh, repeat_t)
+        upper_left, upper_right, lower_left, lower_right = mask[r, left], mask[r, c], mask[below, left], mask[below, c]
+        if (beside and upper_right == lower_right) or (above and upper_left == upper_right):
+            count += 1
+        if upper_left == lower_right and upper_right == lower_left:
+            count += 1
+        if c == nw - 1 and not repeat_s and (upper_left != upper_right or lower_left != lower_right):
+            count += 1
+        if r == 0 and not repeat_t and (upper_left != lower_left or upper_right != lower_right):
+            count += 1
+    return count
+
+
+@_compiled
+def broken_near(mask, active, r0, c0, height, width, repeat_t, repeat_s):
+    """How many rules are broken where the cells [r0, r0 + height) x [c0, c0 + width) have a say."""
+    nh, nw = mask.shape
+    count = 0
+    for i in range(r0 - 1, r0 + height + 1):
+        if (i < 0 or i >= nh) and (not repeat_t or height + 2 > nh):
+            continue
+        for j in range(c0 - 1, c0 + width + 1):
+            if (j < 0 or j >= nw) and (not repeat_s or width + 2 > nw):
+                continue
+            count += _broken(mask, active, _row(i, nh, repeat_t), _row(j, nw, repeat_s), repeat_t, repeat_s)
+    return count
+
+
+@_compiled
+def _cost_near(mask, active, cell_cost, texel_cost, penalty, r0, c0, height, width, repeat_t, repeat_s):
+    nh, nw = mask.shape
+    cost = penalty * broken_near(mask, active, r0, c0, height, width, repeat_t, repeat_s)
+    for i in range(r0, r0 + height):
+        for j in range(c0, c0 + width):
+            r, c = _row(i, nh, repeat_t), _row(j, nw, repeat_s)
+            if mask[r, c]:
+                cost += cell_cost[r, c]
+    for i in range(r0 - 1, r0 + height):
+        for j in range(c0, c0 + width + 1):
+            if (i < 0 and not repeat_t) or (j >= nw and not repeat_s):
+                continue
+            r, c = _row(i, nh, repeat_t), _row(j, nw, repeat_s)
+            if not active[r, c]:
+                cost += max(-texel_cost[r, c], 0.0) if mask[r, c] else max(texel_cost[r, c], 0.0)
+    return cost
+
+
+@_compiled
+def _set(mask, active, r0, c0, height, width, side, repeat_t, repeat_s):
+    for i in range(r0, r0 + height):
+        for j in range(c0, c0 + width):
+            mask[_row(i, mask.shape[0], repeat_t), _row(j, mask.shape[1], repeat_s)] = side
+    update_active(mask, active, r0, c0, height, width, repeat_t, repeat_s)
+
+
+@_compiled
+def _best_move(mask, active, cell_cost, texel_cost, penalty, r, c, largest, repeat_t, repeat_s, saved):
+    """Make the rectangle move near cell [r, c] that lowers the cost most; return by how much."""
+    nh, nw = mask.shape
+    best, move = -1e-9, (0, 0, 0, 0, 0)  # 1e-9: rounding is no gain
+    for height in range(1, min(largest, nh) + 1):
+        for width in range(1, min(largest, nw) + 1):
+            for r0 in range(r - height, r + 2):
+                if not repeat_t and (r0 < 0 or r0 + height > nh):
+                    continue
+                for c0 in range(c - width, c + 2):
+                    if not repeat_s and (c0 < 0 or c0 + width > nw):
+                        continue
+                    before = np.nan
+                    for side in range(2):
+                        changed = False
+                        for i in range(height):
+                            for j in range(width):
+                                value = mask[_row(r0 + i, nh, repeat_t), _row(c0 + j, nw, repeat_s)]
+                                saved[i, j] = value
+                                changed = changed or value != side
+                        if not changed:
+                            continue
+                        if np.isnan(before):
+                            before = _cost_near(
+                                mask, active, cell_cost, texel_cost, penalty, r0, c0, height, width, repeat_t, repeat_s
+                            )
+                        _set(mask, active, r0, c0, height, width, side, repeat_t, repeat_s)
+                        gain = (
+                            _cost_near(
+                                mask, active, cell_cost, texel_cost, penalty, r0, c0, height, width, repeat_t, repeat_s
+                            )
+                            - before
+                        )
+                        if gain < best:
+                            best, move = gain, (r0, c0, height, width, side)
+                        for i in range(height):
+                            for j in range(width):
+                                mask[_row(r0 + i, nh, repeat_t), _row(c0 + j, nw, repeat_s)] = saved[i, j]
+                        update_active(mask, active, r0, c0, height, width, repeat_t, repeat_s)
+    if move[2] == 0:
+        return 0.0
+    _set(mask, active, move[0], move[1], move[2], move[3], move[4], repeat_t, repeat_s)
+    return -best
+
+
+@_compiled
+def _random(state):
+    """Uniform in [0, 1); Marsaglia's xorshift64 (2003)."""
+    x = state[0]
+    x ^= x << np.uint64(13)
+    x ^= x >> np.uint64(7)
+    x ^= x << np.uint64(17)
+    state[0] = x
+    return (x >> np.uint64(11)) * (1.0 / 9007199254740992.0)
+
+
+@_compiled
+def _anneal(mask, active, cell_cost, texel_cost, places, unit, trials, repeat_t, repeat_s, seed):
+    """Simulated annealing by rectangles of up to 2 x 2 cells about `places` (P, 2)."""
+    nh, nw = mask.shape
+    state = np.array([seed * 2 + 0x9E3779B97F4A7C15], np.uint64)
+    saved = np.empty((2, 2), mask.dtype)
+    for trial in range(trials):
+        progress = trial / trials
+        heat = unit * 0.3 * 0.01**progress
+        penalty = unit * (0.5 + 2 * progress)
+        place = int(_random(state) * len(places))
+        height, width = 1 + int(_random(state) * 2), 1 + int(_random(state) * 2)
+        r0 = places[place, 0] - int(_random(state) * height)
+        c0 = places[place, 1] - int(_random(state) * width)
+        if not repeat_t:
+            r0 = min(max(r0, 0), nh - height)
+        if not repeat_s:
+            c0 = min(max(c0, 0), nw - width)
+        side = 1 - mask[places[place, 0], places[place, 1]]
+        before = _cost_near(mask, active, cell_cost, texel_cost, penalty, r0, c0, height, width, repeat_t, repeat_s)
+        for i in range(height):
+            for j in range(width):
+                saved[i, j] = mask[_row(r0 + i, nh, repeat_t), _row(c0 + j, nw, repeat_s)]
+        _set(mask, active, r0, c0, height, width, side, repeat_t, repeat_s)
+        after = _cost_near(mask, active, cell_cost, texel_cost, penalty, r0, c0, height, width, repeat_t, repeat_s)
+        if after > before and _random(state) >= np.exp((before - after) / heat):
+            for i in range(height):
+                for j in range(width):
+                    mask[_row(r0 + i, nh, repeat_t), _row(c0 + j, nw, repeat_s)] = saved[i, j]
+            update_active(mask, active, r0, c0, height, width, repeat_t, repeat_s)
+
+
+@_compiled
+def _improve(mask, active, cell_cost, texel_cost, penalty, repeat_t, repeat_s, passes):
+    """Moves of up to 3 x 3 cells wherever a rule is broken or a texel is on the wrong side."""
+    saved = np.empty((3, 3), mask.dtype)
+    for _ in range(passes):
+        gain = 0.0
+        for r in range(mask.shape[0]):
+            for c in range(mask.shape[1]):
+                cost = texel_cost[r, c]
+                wrong = not active[r, c] and ((mask[r, c] and cost < 0) or (not mask[r, c] and cost > 0))
+                if wrong or _broken(mask, active, r, c, repeat_t, repeat_s):
+                    gain += _best_move(mask, active, cell_cost, texel_cost, penalty, r, c, 3, repeat_t, repeat_s, saved)
+        if gain == 0:
+            return
+
+
+@_compiled
+def _force(mask, active, cell_cost, texel_cost, repeat_t, repeat_s):
+    """Set ever larger squares about what is still broken to the side that costs less, until nothing is."""
+    nh, nw = mask.shape
+    size = 2
+    while True:
+        total = 0
+        for r in range(nh):
+            for c in range(nw):
+                if _broken(mask, active, r, c, repeat_t, repeat_s) == 0:
+                    continue
+                total += 1
+                r0, c0 = max(r - size // 2, 0), max(c - size // 2, 0)
+                height, width = min(size, nh - r0), min(size, nw - c0)
+                cost = 0.0
+                for i in range(r0, r0 + height):
+                    for j in range(c0, c0 + width):
+                        cost += cell_cost[i, j]
+                _set(mask, active, r0, c0, height, width, 1 if cost < 0 else 0, repeat_t, repeat_s)
+        if total == 0:
+            return
+        size += 1
+        if size > 2 * max(nh, nw):
+            mask[:] = mask[0, 0]
+            active[:] = 0
+            return
