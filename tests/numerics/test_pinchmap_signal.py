@@ -115,3 +115,161 @@ def test_signal_that_was_rendered_is_recovered(rng, wrap, level):
     made = fill_signal(rendered(pinchmap, signal, (384, 384), wrap), pinchmap, signal.shape[:2], wrap=wrap)
     np.testing.assert_allclose(made, signal, atol=0.02)
     assert np.abs(made - signal).mean() < 1e-3
+
+
+def test_error_is_that_of_dense_least_squares_within_a_thousandth(rng):
+    """A picture that no signal reproduces: the residual is as small as NumPy's own solver gets it."""
+    pinchmap = np.zeros((6, 5, 4))
+    pinchmap[..., 2] = 1
+    picture = rng.random((60, 50, 3))
+    made = fill_signal(source(picture), pinchmap, (6, 5))[..., :3]
+    coordinates = pixel_st(60, 50)
+    matrix = bilinear(np.eye(30).reshape(6, 5, 30), coordinates, CLAMP)
+    best = np.linalg.lstsq(matrix, picture.reshape(-1, 3), rcond=None)[0]
+    assert best.min() > 0  # else the bound would count
+    assert best.max() < 1
+    np.testing.assert_allclose(made, best.reshape(6, 5, 3), atol=2e-3)
+
+
+def test_sides_never_mix(rng):
+    """Whatever the fitted line misses, a texel shows only colours of its own side: red here, blue there."""
+    mask = blob_mask(rng)
+    pinchmap = pinchmap_of(mask, rng, reach=0.5)
+    truth = rendered(pinchmap_of(mask, rng, reach=0.5), np.ones((8, 8, 4)), (256, 256)).side  # another line
+    color = np.where(truth[..., None] > 0.5, [1.0, 0.0, 0.1], [0.0, 0.2, 1.0])
+    still = pinched_pixels(pinchmap, (256, 256)) == 0
+    fitted = rendered(pinchmap, np.ones((8, 8, 4)), (256, 256)).side
+    assert (fitted != truth).mean() > 0.02  # there is something to go wrong
+    assert not (still & (fitted != truth)).any()
+    made = fill_signal(source(color, side=truth), pinchmap, (8, 8))
+    np.testing.assert_allclose(made[mask][:, :3], [[1.0, 0.0, 0.1]] * mask.sum(), atol=1e-3)
+    np.testing.assert_allclose(made[~mask][:, :3], [[0.0, 0.2, 1.0]] * (~mask).sum(), atol=1e-3)
+
+
+def pinched_pixels(pinchmap, size):
+    """How far pixels are displaced, in st; 0 where nothing is pinched."""
+    coordinates = pixel_st(*size)
+    return np.abs(pinch(pinchmap, coordinates, 0.5).st - coordinates).max(1).reshape(size)
+
+
+def test_texels_no_pixel_reaches_continue_their_own_side(rng):
+    """A source that is empty (not finite) over a third of the picture: its texels are smooth and of their own side."""
+    mask = np.zeros((8, 8), bool)
+    mask[3:6, 2:6] = True
+    pinchmap = pinchmap_of(mask, rng, reach=0.2)
+    ramp = np.linspace(0.2, 0.4, 128)[None, :, None] * np.ones((128, 1, 3))
+    side = rendered(pinchmap, np.ones((8, 8, 4)), (128, 128)).side
+    color = ramp + 0.5 * side[..., None]
+    color[:44] = np.nan
+    made = fill_signal(source(color, side=side), pinchmap, (8, 8))
+    assert np.isfinite(made).all()
+    assert made[~mask][:, :3].max() < 0.45
+    assert made[mask][:, :3].min() > 0.65
+    assert np.abs(made[0] - made[2]).max() < 0.05
+
+
+def test_nothing_exceeds_the_range_of_the_source():
+    """Unbounded least squares overshoots beside a step; the signal does not."""
+    pinchmap = np.zeros((8, 8, 4))
+    pinchmap[..., 2] = 1
+    step = np.zeros((96, 96, 3)) + 0.25
+    step[:, 48:] = 0.75
+    made = fill_signal(source(step, opacity=step[..., 0]), pinchmap, (8, 8))
+    assert made.min() >= 0.25 - 1e-6
+    assert made.max() <= 0.75 + 1e-6
+    matrix = bilinear(np.eye(64).reshape(8, 8, 64), pixel_st(96, 96), CLAMP)
+    assert np.linalg.lstsq(matrix, step.reshape(-1, 3), rcond=None)[0].max() > 0.78
+
+
+def test_invisible_colour_does_not_count_but_stays_plausible():
+    pinchmap = np.zeros((4, 4, 4))
+    pinchmap[..., 2] = 1
+    color = np.zeros((64, 64, 3)) + [0.0, 1.0, 0.0]
+    color[:, :24] = [1.0, 0.0, 0.0]
+    opacity = np.zeros((64, 64))
+    opacity[:, :24] = 1
+    made = fill_signal(source(color, opacity), pinchmap, (4, 4))
+    np.testing.assert_allclose(made[:, 0, :3], [[1, 0, 0]] * 4, atol=0.01)
+    np.testing.assert_allclose(made[:, 3, :3], [[0, 1, 0]] * 4, atol=0.01)
+
+
+@pytest.mark.parametrize("size", [(1, 1), (3, 2), (5, 12), (9, 7)])
+def test_source_smaller_than_the_signal(rng, size):
+    """Fewer pixels than texels: a smooth picture, each pixel still met."""
+    pinchmap = np.zeros((8, 8, 4))
+    pinchmap[..., 2] = 1
+    picture = rng.uniform(0.2, 0.8, (*size, 3)) * np.ones((1, 1, 3))
+    made = fill_signal(source(picture), pinchmap, (32, 32))
+    assert np.isfinite(made).all()
+    shown = bilinear(made, pixel_st(*size), CLAMP)[:, :3].reshape(*size, 3)
+    np.testing.assert_allclose(shown, picture, atol=2e-3)
+
+
+def test_constant_picture_stays_constant_in_every_mode(rng):
+    for wrap in (CLAMP, REPEAT, ("repeat", "clamp"), ("mirror", "repeat")):
+        for level in (0, 2):
+            pinchmap = pinchmap_of(blob_mask(rng), rng, reach=0.9)
+            flat = np.zeros((50, 37, 3)) + [0.25, 0.5, 0.75]
+            made = fill_signal(source(flat, is_data=False), pinchmap, (8 << level, 8 << level), wrap=wrap)
+            np.testing.assert_allclose(made, np.broadcast_to([0.25, 0.5, 0.75, 1.0], made.shape), atol=1e-5)
+
+
+def test_texture_that_repeats_is_shifted_with_its_source(rng):
+    """Rolling the picture by whole cells rolls the signal: there is no seam."""
+    mask = blob_mask(rng, wrap=REPEAT)
+    gamma = rng.uniform(-0.4, 0.4, mask.shape)
+    picture = rng.random((64, 64, 3))
+    side = mask.repeat(8, 0).repeat(8, 1)
+    results = []
+    for shift in (0, 3):
+        moved = np.roll(mask, shift, 1)
+        pinchmap = np.concatenate([channels(moved, REPEAT), np.roll(gamma, shift, 1)[..., None]], axis=-1)
+        moved_source = source(np.roll(picture, shift * 8, 1), side=np.roll(side, shift * 8, 1))
+        results.append(fill_signal(moved_source, pinchmap, (16, 16), wrap=REPEAT))
+    np.testing.assert_allclose(np.roll(results[0], 6, 1), results[1], atol=1e-3)
+
+
+def test_pinchmap_of_strength_zero_gives_the_plain_bilinear_texture(rng):
+    """Pixels of either side then share texels, as in a picture without discontinuities."""
+    pinchmap = pinchmap_of(blob_mask(rng), rng, strength=0.0)
+    plain = np.zeros_like(pinchmap)
+    plain[..., 2] = 1
+    picture = source(rng.random((64, 64, 3)), side=rng.random((64, 64)))
+    np.testing.assert_allclose(fill_signal(picture, pinchmap, (8, 8)), fill_signal(picture, plain, (8, 8)), atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("pinchmap_shape", "signal_shape", "words"),
+    [
+        ((8, 8, 3), (8, 8), "pinchmap of shape"),
+        ((8, 8), (8, 8), "pinchmap of shape"),
+        ((8, 8, 4), (24, 24), "24 x 24 texels for a pinchmap of 8 x 8"),
+        ((8, 8, 4), (8, 16), "16 x 8"),
+        ((8, 8, 4), (4, 4), "1, 2, 4, 8"),
+    ],
+)
+def test_sizes_that_do_not_go_together_are_one_line(pinchmap_shape, signal_shape, words):
+    with pytest.raises(FexelError, match=words) as caught:
+        fill_signal(source(np.zeros((4, 4, 3))), np.zeros(pinchmap_shape), signal_shape)
+    assert str(caught.value).startswith("picture.png: ")
+    assert "\n" not in str(caught.value)
+
+
+@settings(max_examples=25, deadline=None)
+@given(data=st.data())
+def test_any_finite_input_gives_a_finite_signal_in_range(data):
+    """Any pinchmap at all, legal or not, any source: no NaN, nothing beyond the source's range."""
+    rng = np.random.default_rng(data.draw(st.integers(0, 2**32 - 1)))
+    rows, columns, level = (data.draw(st.integers(1, 6)), data.draw(st.integers(1, 6)), data.draw(st.integers(0, 2)))
+    size = (data.draw(st.integers(1, 40)), data.draw(st.integers(1, 40)))
+    pinchmap = rng.uniform(-1, 1, (rows, columns, 4))
+    pinchmap[rng.random((rows, columns)) < 0.3] = np.sign(rng.normal(size=4))
+    made = fill_signal(
+        source(rng.random((*size, 3)), rng.random(size), rng.random(size), is_data=data.draw(st.booleans())),
+        pinchmap,
+        (rows << level, columns << level),
+        wrap=data.draw(st.sampled_from([CLAMP, REPEAT])),
+    )
+    assert np.isfinite(made).all()
+    assert made.min() >= -1e-6
+    assert made.max() <= 1 + 1e-6

@@ -80,14 +80,22 @@ def _encoded(value, table):
 
 
 @numba.njit(cache=True, inline="always")
-def _purity(side, y, x, positive):
+def _texel(index, count, wrap):
+    """Index of a pixel or texel, repeated or clamped."""
+    if wrap:
+        return index % count
+    return min(max(index, 0), count - 1)
+
+
+@numba.njit(cache=True, inline="always")
+def _purity(side, y, x, wraps, positive):
     """How far the 3 x 3 neighbourhood lies on one side: 0 for half of it or less, 1 for all of it, squared."""
     height, width = side.shape
     total = 0.0
     for dy in range(-1, 2):
-        row = min(max(y + dy, 0), height - 1)
+        row = _texel(y + dy, height, wraps[1])
         for dx in range(-1, 2):
-            total += side[row, min(max(x + dx, 0), width - 1)]
+            total += side[row, _texel(x + dx, width, wraps[0])]
     share = total / 9.0 if positive else 1.0 - total / 9.0
     purity = max(0.0, 2.0 * share - 1.0)
     return purity * purity
@@ -165,7 +173,7 @@ def accumulate(color, opacity, side, pinchmap, signal_shape, wraps, table, momen
                     if (side[y, x] > 0.5) != positive:
                         weight = 1.0 - strength
                     else:
-                        weight = max(_LEAST_WEIGHT, 1.0 - strength * (1.0 - _purity(side, y, x, positive)))
+                        weight = max(_LEAST_WEIGHT, 1.0 - strength * (1.0 - _purity(side, y, x, wraps, positive)))
                 finite = True
                 for c in range(3):
                     values[c] = _encoded(color[y, x, c], table)
@@ -318,13 +326,6 @@ def stencils(moments, wrap_s, wrap_t):
                                     along[kind, 0], along[kind, 1], along[kind, 2], py, qy
                                 )
     return matrix, right
-
-
-@numba.njit(cache=True, inline="always")
-def _texel(index, count, wrap):
-    if wrap:
-        return index % count
-    return min(max(index, 0), count - 1)
 
 
 @numba.njit(cache=True, inline="always")

@@ -66,7 +66,7 @@ def boundary_strength(
     shape = pinchmap.shape[:2]
     wraps = (wrap[0] == "repeat", wrap[1] == "repeat")
     fexel = np.sqrt(side.shape[0] / signal_shape[0] * (side.shape[1] / signal_shape[1]))
-    deficit, weight = _deficits(side, _ranges(side, shape), shape, wraps, fexel)
+    deficit, weight = _deficits(side, _ranges(side, shape, wraps), shape, wraps, fexel)
     strength = 1.0 - np.divide(deficit, weight, out=np.zeros(shape), where=weight > 0)
     strength[strength < _LEAST] = 0.0
     return np.where(np.asarray(pinchmap)[..., 2] == 0, strength[::-1], 1.0)
@@ -95,7 +95,7 @@ def _deficit(width, fexel):
 
 
 @numba.njit(cache=True, nogil=True)
-def _ranges(side, shape):
+def _ranges(side, shape, wraps):
     """Largest less smallest side in the three by three cells around every cell; rows down. (Nh, Nw) float64."""
     height, width = side.shape
     low, high = np.full(shape, np.inf), np.full(shape, -np.inf)
@@ -108,8 +108,13 @@ def _ranges(side, shape):
     result = np.empty(shape)
     for row in range(shape[0]):
         for column in range(shape[1]):
-            here = (slice(max(row - 1, 0), row + 2), slice(max(column - 1, 0), column + 2))
-            result[row, column] = max(high[here].max() - low[here].min(), 0.0)
+            most, least = -np.inf, np.inf
+            for step in range(9):
+                y, x = row + step // 3 - 1, column + step % 3 - 1
+                y = y % shape[0] if wraps[1] else min(max(y, 0), shape[0] - 1)
+                x = x % shape[1] if wraps[0] else min(max(x, 0), shape[1] - 1)
+                most, least = max(most, high[y, x]), min(least, low[y, x])
+            result[row, column] = max(most - least, 0.0)
     return result
 
 
