@@ -28,11 +28,12 @@ import numpy as np
 from pxr import Gf, Sdf, Usd, UsdShade
 
 from fexel.errors import FexelError
-from fexel.images import linear_to_srgb
 from fexel.textures import extract_texture
 from fexel_tools.baking import TextureBaker, texture_baker
+from fexel_tools.color_bleed import bleed_color
 from fexel_tools.fallback_coordinates import READER_NAME, author_coordinates
 from fexel_tools.image_files import write_image
+from fexel_tools.texture_files import encode
 
 __all__ = ["FALLBACK_NAME", "READER_NAME", "author", "bake", "write_fallback"]
 
@@ -163,16 +164,20 @@ def _write(path: Path, rgba: np.ndarray, color_space: str, dtype: str) -> None:
     """Write beside and rename; alpha is left out where the whole picture is opaque, and in JPEG."""
     opaque = bool((rgba[:, :, 3] > 1 - 0.5 / 255).all())
     channels = 3 if opaque or path.suffix.lower() in (".jpg", ".jpeg") else 4
-    pixels = rgba[:, :, :channels].copy()
-    if channels == 4 and dtype != "half":
-        pixels[:, :, :3] /= np.maximum(pixels[:, :, 3:], 1e-6)  # 1e-6 guards transparent pixels, whose colour is 0
     if dtype == "half":
-        pixels = pixels.astype(np.float16)
+        pixels = rgba[:, :, :channels].astype(np.float16)
     else:
-        pixels = pixels.clip(0, 1)
-        pixels[:, :, :3] = linear_to_srgb(pixels[:, :, :3]) if color_space == "sRGB" else pixels[:, :, :3]
-        pixels = (pixels * np.iinfo(dtype).max + 0.5).astype(dtype)
+        pixels = _integers(rgba, channels == 4, dtype, color_space)
     write_image(path, pixels, color_space)
+
+
+def _integers(rgba: np.ndarray, has_alpha: bool, dtype: str, color_space: str) -> np.ndarray:
+    """Stored values; with alpha straight, the colours continued below it, since most applications filter them so."""
+    if not has_alpha:
+        return encode(rgba[:, :, :3], None, dtype, color_space)
+    alpha = np.ascontiguousarray(rgba[:, :, 3])
+    straight = rgba[:, :, :3] / np.maximum(alpha, np.float32(1e-6))[:, :, None]  # 1e-6 guards transparent pixels
+    return encode(bleed_color(straight, alpha), alpha, dtype, color_space)
 
 
 def _asset_path(layer: Sdf.Layer, path: Path) -> str:

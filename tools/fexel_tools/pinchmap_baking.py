@@ -8,6 +8,7 @@ pixels of a rendered image.
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property
 
@@ -27,9 +28,11 @@ __all__ = ["baker", "reconstruct"]
 
 _PIXELS_PER_TEXEL = 16
 _CHANNELS = 4
-_BLOCK_ROWS = 256
+_BLOCK = 1 << 17  # points looked up at a time
 _WHOLE = (0.0, 0.0, 1.0, 1.0)
 _IDENTITY = (SCALE_ONE, BIAS_ZERO)
+
+_Sample = Callable[[np.ndarray, np.ndarray], np.ndarray]  # st (M, 2), jacobian: rgba (M, 4)
 
 
 def reconstruct(
@@ -66,11 +69,13 @@ def reconstruct(
     """
     texels = np.array(signal, np.float64)
     texels[..., :3] *= texels[..., 3:]
-    levels = [np.asarray(level, np.float64) for level in mipmaps.pyramid(texels)]
+    levels = _pyramid(texels)
 
     def sample(st: np.ndarray, jacobian: np.ndarray) -> np.ndarray:
         return sample_pinchmap(pinchmap, levels, st, jacobian, wrap=wrap, line_width=line_width, line_color=line_color)
 
+    if window == _WHOLE and shape[0] >= levels[0].shape[0] and shape[1] >= levels[0].shape[1]:
+        return _magnified(sample, pinchmap, levels[0], shape, wrap)
     return _raster(sample, shape, window)
 
 
@@ -121,7 +126,15 @@ class _PinchmapBaker:
             fallback = tuple((v - b) / s for v, s, b in zip(source.fallback, scale, bias, strict=True))
             source = replace(source, scale=SCALE_ONE, bias=BIAS_ZERO, fallback=fallback)
         line = tuple((v - b) / s for v, s, b in zip(self._data.line_color, scale, bias, strict=True))
-        return _raster(lambda st, jacobian: self._look_up(source, line, st, jacobian), (height, width), _WHOLE)
+        levels = self._levels(source)
+        rows, columns = levels[0].shape[:2]
+
+        def sample(st: np.ndarray, jacobian: np.ndarray) -> np.ndarray:
+            return self._look_up(source, line, st, jacobian)
+
+        if self._pinchmap is not None and height >= rows and width >= columns:
+            return _magnified(sample, self._pinchmap, levels[0], (height, width), self._wrap(source))
+        return _raster(sample, (height, width), _WHOLE)
 
     def sample(self, st: np.ndarray, jacobian: np.ndarray) -> np.ndarray:
         """(M, 4) float64, linear, premultiplied, scale and bias applied, at points (M, 2) of the unit square."""
@@ -130,7 +143,7 @@ class _PinchmapBaker:
     def _look_up(
         self, source: ImageSource, line_color: tuple[float, ...], st: np.ndarray, jacobian: np.ndarray
     ) -> np.ndarray:
-        levels, wrap = self._levels(source), _inner_wrap(self._cache.facts(source, self._path).wrap)
+        levels, wrap = self._levels(source), self._wrap(source)
         if self._is_broken:
             alpha = source.fallback[3]
             return np.tile([*np.multiply(source.fallback[:3], alpha), alpha], (len(st), 1))
@@ -152,8 +165,14 @@ class _PinchmapBaker:
             facts = self._cache.facts(source, self._path)
             stored = self._cache.window(source, self._path, 0, (0, 0, *facts.size))[1:-1, 1:-1]
             texels = linear_texels(stored, facts.page_class)
-            self._known_levels[source] = [np.asarray(level, np.float64) for level in mipmaps.pyramid(texels)]
+            self._known_levels[source] = _pyramid(texels)
         return self._known_levels[source]
+
+    def _wrap(self, source: ImageSource) -> tuple[str, str]:
+        """What is black outside, or a patch, keeps its border texels whole up to the border of the picture."""
+        modes = self._cache.facts(source, self._path).wrap
+        s, t = (mode if mode in ("repeat", "mirror") else "clamp" for mode in modes)
+        return s, t
 
     @cached_property
     def _known_levels(self) -> dict[ImageSource, list[np.ndarray]]:
@@ -186,10 +205,8 @@ class _PinchmapBaker:
         return bool(self._data.pinchmap) and self._pinchmap is None
 
 
-def _inner_wrap(wrap: tuple[str, str]) -> tuple[str, str]:
-    """What is black outside, or a patch, keeps its border texels whole up to the border of the picture."""
-    modes = [mode if mode in ("repeat", "mirror") else "clamp" for mode in wrap]
-    return modes[0], modes[1]
+def _pyramid(texels: np.ndarray) -> list[np.ndarray]:
+    return [np.asarray(level, np.float64) for level in mipmaps.pyramid(texels)]
 
 
 def _plain(levels: list[np.ndarray], st: np.ndarray, jacobian: np.ndarray, wrap: tuple[str, str]) -> np.ndarray:
@@ -199,15 +216,65 @@ def _plain(levels: list[np.ndarray], st: np.ndarray, jacobian: np.ndarray, wrap:
     return trilinear(levels, st, np.broadcast_to(lod, len(st)), wrap)
 
 
-def _raster(sample, shape: tuple[int, int], window: tuple[float, float, float, float]) -> np.ndarray:
+def _magnified(
+    sample: _Sample, pinchmap: np.ndarray, signal: np.ndarray, shape: tuple[int, int], wrap: tuple[str, str]
+) -> np.ndarray:
+    """`_raster` of the whole at no less than the signal's size: only where something is pinched is `sample` needed.
+
+    Elsewhere the picture is the signal, bilinearly interpolated.
+    """
+    rows, columns = shape
+    s, t = (np.arange(columns) + 0.5) / columns, 1 - (np.arange(rows) + 0.5) / rows
+    out = _interpolated(signal, shape, wrap)
+    cells = _pinched_cells(pinchmap, wrap)
+    cell_row = ((1 - t) * cells.shape[0]).astype(int)
+    cell_column = (s * cells.shape[1]).astype(int)
+    row, column = np.nonzero(cells[cell_row[:, None], cell_column])
+    jacobian = np.diag([1 / columns, -1 / rows])
+    for start in range(0, len(row), _BLOCK):
+        y, x = row[start : start + _BLOCK], column[start : start + _BLOCK]
+        out[y, x] = sample(np.stack([s[x], t[y]], axis=1), jacobian)
+    return out
+
+
+def _interpolated(signal: np.ndarray, shape: tuple[int, int], wrap: tuple[str, str]) -> np.ndarray:
+    """(rows, columns, 4) float32: the signal at the pixels' centres, as its wrap modes continue it."""
+    modes = ["wrap" if mode == "repeat" else "edge" for mode in wrap]  # mirrored, the border meets itself
+    padded = np.pad(signal.astype(np.float32), ((1, 1), (0, 0), (0, 0)), mode=modes[1])  # pyright: ignore[reportCallIssue, reportArgumentType]
+    padded = np.pad(padded, ((0, 0), (1, 1), (0, 0)), mode=modes[0])  # pyright: ignore[reportCallIssue, reportArgumentType]
+    (low_y, high_y, weight_y), (low_x, high_x, weight_x) = (
+        _neighbours(count, size) for count, size in zip(shape, signal.shape, strict=False)
+    )
+    wide = padded[:, low_x] + (padded[:, high_x] - padded[:, low_x]) * weight_x[None, :, None]
+    return wide[low_y] + (wide[high_y] - wide[low_y]) * weight_y[:, None, None]
+
+
+def _neighbours(count: int, size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Lower and upper texel of `count` pixels, numbered with one texel of border, and the upper one's weight."""
+    position = (np.arange(count) + 0.5) * (size / count) + 0.5
+    low = np.floor(position)
+    return low.astype(int), low.astype(int) + 1, (position - low).astype(np.float32)
+
+
+def _pinched_cells(pinchmap: np.ndarray, wrap: tuple[str, str]) -> np.ndarray:
+    """(Nh, Nw) bool: whether any corner of a cell has a direction, row 0 at the top."""
+    modes = ["wrap" if mode == "repeat" else "edge" for mode in wrap]
+    moved = (pinchmap[..., :2] != 0).any(axis=2)
+    moved = np.pad(moved, ((1, 0), (0, 0)), mode=modes[1])  # pyright: ignore[reportCallIssue, reportArgumentType]
+    moved = np.pad(moved, ((0, 0), (0, 1)), mode=modes[0])  # pyright: ignore[reportCallIssue, reportArgumentType]
+    return moved[:-1, :-1] | moved[:-1, 1:] | moved[1:, :-1] | moved[1:, 1:]
+
+
+def _raster(sample: _Sample, shape: tuple[int, int], window: tuple[float, float, float, float]) -> np.ndarray:
     """(rows, columns, 4) float32: what `sample` gives at the centres of the pixels of a window."""
     rows, columns = shape
     s0, t0, s1, t1 = window
     step = np.array([(s1 - s0) / columns, (t0 - t1) / rows])
     out = np.empty((rows, columns, 4), np.float32)
     s = s0 + (np.arange(columns) + 0.5) * step[0]
-    for top in range(0, rows, _BLOCK_ROWS):
-        t = t1 + (np.arange(top, min(top + _BLOCK_ROWS, rows)) + 0.5) * step[1]
+    strip = max(1, _BLOCK // columns)
+    for top in range(0, rows, strip):
+        t = t1 + (np.arange(top, min(top + strip, rows)) + 0.5) * step[1]
         st = np.stack(np.meshgrid(s, t), axis=-1).reshape(-1, 2)
-        out[top : top + _BLOCK_ROWS] = sample(st, np.diag(step)).reshape(-1, columns, 4)
+        out[top : top + strip] = sample(st, np.diag(step)).reshape(-1, columns, 4)
     return out

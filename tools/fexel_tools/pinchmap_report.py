@@ -1,0 +1,125 @@
+"""The report of pinchmaps: what each file became, how well it fits, and where it does not, as JSON.
+
+::
+
+    {"items": [{"file", "size", "bytes", "iou", "mismatch", "mean_px", "max_px", "psnr_db", "seconds",
+                "stage", "pinchmap": [w, h], "signal": [w, h], "source": [w, h], "suggested_size",
+                "faults": [{"x", "y", "reason", "pixels"}], "phases": {name: seconds}}],
+     "failed": [{"file", "error"}]}
+
+`size` is pinchmap texels along the longer side, `bytes` what pinchmap and signal hold, uncompressed and without mip
+levels. `mismatch` is the share of source pixels on the wrong side of the lines, `iou` the intersection over union of
+the side that the source's mask calls inside; `mean_px` and `max_px` are distances between the boundaries of source and
+result, in source pixels; null where just one of them has any. `psnr_db` compares the result, over white, with the
+source, sRGB-encoded (data: as they are). `seconds` is all phases from reading the source to the stage in its
+place, on the clock; what it takes to measure is the phase ``measure`` and not part of it. A fault is a place where the
+lines are more than the map can express; x and y are pixels of the source, from its upper left corner.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from fexel_tools.pinchmap_fit import Fault
+
+__all__ = ["PinchmapItem", "PinchmapReport", "describe", "describe_faults"]
+
+_MOST_LISTED = 20
+
+
+@dataclass(frozen=True)
+class PinchmapItem:
+    """What became of one file; see the module for the fields."""
+
+    file: str
+    size: int
+    nbytes: int
+    iou: float | None
+    mismatch: float
+    mean_px: float | None
+    max_px: float | None
+    psnr_db: float | None
+    seconds: float
+    stage: str
+    pinchmap: tuple[int, int]
+    signal: tuple[int, int]
+    source: tuple[int, int]
+    suggested_size: int | None = None
+    faults: tuple[Fault, ...] = ()
+    phases: dict[str, float] = field(default_factory=dict)
+
+    def as_json(self) -> dict:
+        """The file's entry."""
+        return {
+            "file": self.file,
+            "size": self.size,
+            "bytes": self.nbytes,
+            "iou": _number(self.iou),
+            "mismatch": _number(self.mismatch),
+            "mean_px": _number(self.mean_px),
+            "max_px": _number(self.max_px),
+            "psnr_db": _number(self.psnr_db),
+            "seconds": round(self.seconds, 4),
+            "stage": self.stage,
+            "pinchmap": list(self.pinchmap),
+            "signal": list(self.signal),
+            "source": list(self.source),
+            "suggested_size": self.suggested_size,
+            "faults": [
+                {"x": round(f.x, 2), "y": round(f.y, 2), "reason": f.reason, "pixels": f.pixels} for f in self.faults
+            ],
+            "phases": {name: round(seconds, 4) for name, seconds in self.phases.items()},
+        }
+
+
+@dataclass(frozen=True)
+class PinchmapReport:
+    """What became of all files, in the order in which they were given.
+
+    Attributes
+    ----------
+    items : tuple of PinchmapItem
+    failed : tuple of (file, message)
+    """
+
+    items: tuple[PinchmapItem, ...]
+    failed: tuple[tuple[str, str], ...] = ()
+
+    def as_json(self) -> dict:
+        """The whole report."""
+        return {
+            "items": [item.as_json() for item in self.items],
+            "failed": [{"file": file, "error": message} for file, message in self.failed],
+        }
+
+
+def describe(item: PinchmapItem) -> str:
+    """One line about a file: sizes, bytes, measures."""
+    width, height = item.pinchmap
+    distance = "" if item.max_px is None else f", boundary off by {item.mean_px:.2f} px, at most {item.max_px:.1f} px"
+    psnr = "" if item.psnr_db is None else f", {item.psnr_db:.1f} dB"
+    iou = "" if item.iou is None else f", IoU {item.iou:.4f}"
+    wrong = f"{100 * item.mismatch:.3f} % of pixels on the wrong side"
+    return f"{item.file}: {width} x {height}, {item.nbytes} bytes, {wrong}{iou}{distance}{psnr}"
+
+
+def describe_faults(file: str, faults: Sequence[Fault], suggested_size: int | None) -> list[str]:
+    """Lines that say where the map falls short, the worst places first, and which size would help; none without."""
+    if not faults:
+        return []
+    ordered = sorted(faults, key=lambda fault: -fault.pixels)
+    places = f"{len(faults)} place{'s' if len(faults) > 1 else ''}"
+    hint = f"; --size {suggested_size} would help" if suggested_size else ""
+    lines = [f"{file}: {places} where the lines are more than the map can express{hint}"]
+    lines += [
+        f"  {fault.reason} at pixel ({fault.x:.0f}, {fault.y:.0f}), {fault.pixels} pixels wrong"
+        for fault in ordered[:_MOST_LISTED]
+    ]
+    left = len(faults) - _MOST_LISTED
+    return lines + ([f"  and {left} more, in the report"] if left > 0 else [])
+
+
+def _number(value: float | None) -> float | None:
+    return float(value) if value is not None and math.isfinite(value) else None
