@@ -68,6 +68,10 @@ class Lattice:
         """Whether any corner of the cells has a direction: elsewhere nothing is displaced."""
         return self._active[cell]
 
+    def active_cells(self) -> NDArray[np.bool_]:
+        """The same of all cells: (Nh, Nw), row 0 at the top."""
+        return self._active.reshape(-1, self._stride)[-2::-1, :-1]
+
     def interpolate(self, cell: NDArray[np.intp], fraction: NDArray[np.float64]) -> NDArray[np.float64]:
         """Bilinear interpolation, (M, C)."""
         s, t = fraction[:, :1], fraction[:, 1:]

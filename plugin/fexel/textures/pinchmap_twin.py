@@ -31,12 +31,22 @@ from fexel import mipmaps
 from fexel.errors import FexelError
 from fexel.textures.pinchmap_lattice import Lattice, blocks, trilinear
 
-__all__ = ["Pinch", "decode_texels", "edge", "encode_texels", "pinch", "sample_pinchmap", "signal_half_texel"]
+__all__ = [
+    "Pinch",
+    "decode_texels",
+    "edge",
+    "encode_texels",
+    "picture_levels",
+    "pinch",
+    "sample_pinchmap",
+    "signal_half_texel",
+]
 
 FADE_START = 1.0
 """Footprint, in pinchmap texels, up to which discontinuities are pinched in full."""
 FADE_END = 2.0
 """Footprint, in pinchmap texels, from which the signal's mip levels are shown as they are."""
+_SAMPLES = 8  # along a cell, for its average
 _ZERO = 1e-5  # |d| below this is 0: a decoded 127 may miss it by a rounding
 _GUARD = 1e-6  # of divisors that vanish together with what they divide
 _FLOOR = 1e-30  # keeps logarithms and divisions finite where the jacobian is 0
@@ -275,6 +285,45 @@ def sample_pinchmap(
         cover = place.line[:, None]
         color = cover * ink + (1 - cover * line_color[3]) * color
     return np.where(finite[:, None], color, 0.0)
+
+
+def picture_levels(
+    pinchmap: NDArray[np.floating],
+    levels: Sequence[NDArray[np.floating]],
+    *,
+    line_width: float = 0.0,
+    line_color: Sequence[float] = (0.0, 0.0, 0.0, 1.0),
+    wrap: tuple[str, str] = ("clamp", "clamp"),
+) -> list[NDArray[np.float32]]:
+    """Mip levels to look a pinchmapped texture up in, without shimmer however small it is seen.
+
+    Those as coarse as the mask or finer are the signal's. Coarser ones, of which no discontinuity is left to pinch, are
+    averages of the picture: the signal's own would be those of the picture before pinching, and without its lines.
+
+    Parameters
+    ----------
+    pinchmap : (Nh, Nw, 4)
+    levels : sequence of (H, W, 4)
+        Mip levels of the signal, linear, premultiplied, finest first.
+    line_width, line_color, wrap
+        As for `sample_pinchmap`.
+
+    Returns
+    -------
+    list of (H, W, 4) float32
+    """
+    height, width = pinchmap.shape[:2]
+    same = next(number for number, level in enumerate(levels) if level.shape[:2] == (height, width))
+    picture = np.array(levels[same], np.float32)
+    row, column = np.nonzero(Lattice(pinchmap, wrap).active_cells())
+    inside = (np.arange(_SAMPLES) + 0.5) / _SAMPLES
+    places = np.stack(np.meshgrid(inside, inside), -1).reshape(-1, 2)
+    corners = np.stack([column, height - 1 - row], 1)
+    st = (corners[:, None, :] + places).reshape(-1, 2) / (width, height)
+    jacobian = np.diag([1 / (width * _SAMPLES), 1 / (height * _SAMPLES)])
+    color = sample_pinchmap(pinchmap, levels, st, jacobian, line_width=line_width, line_color=line_color, wrap=wrap)
+    picture[row, column] = color.reshape(len(row), len(places), 4).mean(1)
+    return [*(np.asarray(level, np.float32) for level in levels[: same + 1]), *mipmaps.pyramid(picture)[1:]]
 
 
 class _Segment:
