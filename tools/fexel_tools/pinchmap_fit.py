@@ -29,7 +29,7 @@ from fexel_tools.pinchmap_start import boundary_points, least_squares_levels, so
 __all__ = ["Fault", "PinchmapFit", "fit"]
 
 _UNITS = {8: 1 / 127, 16: 1 / 32767, 32: 1 / 32767}
-_MOST_PIXELS, _FEWEST_PIXELS = 32, 8  # along a cell, of the image that is fitted
+_MOST_PIXELS, _FEWEST_PIXELS = 64, 8  # along a cell, of the image that is fitted
 
 Window = tuple[float, float, float, float]
 
@@ -148,7 +148,9 @@ def _at_working_size(side: NDArray, shape: tuple[int, int], window: Window) -> t
 def _solve(image, lattice: Lattice, shape, repeat, window, unit: float, seed: int):
     """Levels on the grid and a legal mask."""
     points = boundary_points(image, shape, window)
+    locked = _locked(image.shape, shape, window)
     plus = _side_at_texels(image, shape, window) > 0.5
+    plus &= locked == 0
     distance = source_levels(points, len(points), plus, repeat[1], repeat[0])
     low, high = np.where(plus, 0.01, -1.0), np.where(plus, 1.0, -0.01)
     pixel = 1 / max(lattice.width, lattice.height)
@@ -157,7 +159,7 @@ def _solve(image, lattice: Lattice, shape, repeat, window, unit: float, seed: in
     cell_errors(lattice, levels, errors)
     for _ in range(2):
         sweep_freely(lattice, levels, errors, 0.1, 0.004)
-    mask = _legal_mask(lattice, levels, errors, distance, repeat, seed)
+    mask = _legal_mask(lattice, levels, errors, distance, locked, repeat, seed)
     cells, active = mask.astype(np.uint8), np.empty(shape, np.uint8)
     update_active(cells, active, 0, 0, *shape, repeat[1], repeat[0])
     levels = np.rint(levels / unit) * unit
@@ -166,11 +168,28 @@ def _solve(image, lattice: Lattice, shape, repeat, window, unit: float, seed: in
     coarse = unit * 2.0 ** max(round(np.log2(0.0625 / unit)), 0)
     for _ in range(2):
         sweep(lattice, cells, active, levels, errors, unit, coarse, unit)
-    search(lattice, cells, active, levels, errors, unit, coarse, 2000, 0.3, seed)
+    search(lattice, cells, active, levels, errors, locked, unit, coarse, TRIALS, SHARE, seed)
     return levels, cells.astype(bool)
 
 
-def _legal_mask(lattice: Lattice, levels, errors, distance, repeat, seed):
+TRIALS, SHARE = 2000, 0.3
+
+
+def _locked(size, shape, window):
+    """Cells that must be on the - side, since clamping carries them on over what the window leaves out of the image."""
+    locked = np.zeros(shape, np.uint8)
+    if window[0] > 0:
+        locked[:, :1] = 1
+    if window[1] > 0:
+        locked[:2] = 1
+    if window[2] < size[1] - 0.5:
+        locked[:, -2:] = 1
+    if window[3] < size[0] - 0.5:
+        locked[-1:] = 1
+    return locked
+
+
+def _legal_mask(lattice: Lattice, levels, errors, distance, locked, repeat, seed):
     area = np.diff(lattice.rows)[:, None] * np.diff(lattice.columns)
     mask = 2 * lattice.ones > area
     turning = costs_of_turning(lattice, levels, errors)
@@ -179,7 +198,8 @@ def _legal_mask(lattice: Lattice, levels, errors, distance, repeat, seed):
     wanted = (np.abs(distance) < 1) | (violations(mask, wrap) > 0)
     near = cv2.dilate(wanted.astype(np.uint8), np.ones((3, 3), np.uint8))
     places = np.argwhere(near)
-    cost = 0.05 * (area - 2.0 * lattice.ones)
+    cost = 0.05 * (area - 2.0 * lattice.ones) + 1e3 * area.max() * locked
+    mask &= locked == 0
     return legalise(mask, cost, turning, repeat, places, float(area.max()), 100 * len(places), seed)
 
 

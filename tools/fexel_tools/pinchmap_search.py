@@ -114,7 +114,7 @@ def _pick(weights, total, state):
 
 
 @_compiled
-def search(m, mask, active, g, errors, unit, coarse, trials, mask_share, seed):
+def search(m, mask, active, g, errors, locked, unit, coarse, trials, mask_share, seed):
     """Run so many trials; `mask`, `active`, `g` and `errors` are kept current. Returns the wrong pixels left.
 
     Levels stay on the grid of `unit`; `coarse`, a power of two times `unit`, is the first step of a descent.
@@ -147,7 +147,7 @@ def search(m, mask, active, g, errors, unit, coarse, trials, mask_share, seed):
                     before += errors[row, column]
         legal = True
         if _random(state) < mask_share:
-            legal = _change_mask(m, mask, active, g, r, c, unit, state)
+            legal = _change_mask(m, mask, active, g, locked, r, c, unit, state)
         else:
             _disturb(m, mask, active, g, r, c, unit, state)
         if legal:
@@ -181,7 +181,7 @@ def _disturb(m, mask, active, g, r, c, unit, state):
 
 
 @_compiled
-def _change_mask(m, mask, active, g, r, c, unit, state):
+def _change_mask(m, mask, active, g, locked, r, c, unit, state):
     """Set a rectangle of up to 2 x 2 cells at or beside cell [r, c] to one side; whether that is a legal change."""
     nh, nw = mask.shape
     height, width = 1 + int(_random(state) * 2), 1 + int(_random(state) * 2)
@@ -197,6 +197,8 @@ def _change_mask(m, mask, active, g, r, c, unit, state):
         for j in range(width):
             row, column = (r0 + i) % nh, (c0 + j) % nw
             if mask[row, column] != side:
+                if locked[row, column]:
+                    return False
                 mask[row, column] = side
                 changed = True
     if not changed:
