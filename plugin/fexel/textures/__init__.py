@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 __all__ = ["extract_texture", "gpu_half", "kind_number", "texture_kind"]
 
-_KINDS = ("zipmap",)
+_KINDS = ("zipmap", "pinchmap")
 
 
 def texture_kind(prim: Usd.Prim) -> str | None:

@@ -7,9 +7,9 @@ not hold what was asked for, coarser mip levels take the place of the finest one
 from __future__ import annotations
 
 import warnings
-from collections.abc import Hashable
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol, TypeVar, cast
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,11 +30,11 @@ __all__ = ["TexelReader", "TexturePool"]
 class TexelReader(Protocol):
     """Reads the texels of a kind of sources; one of each class per pool, so that it can keep what it has read."""
 
-    def facts(self, source: Hashable, path: str) -> ImageFacts:
+    def facts(self, source: Any, path: str, /) -> ImageFacts:
         """Size, page class and wrap modes; `path` is the prim to name when the file cannot be read."""
         ...
 
-    def window(self, source: Hashable, path: str, level: int, box: Box) -> NDArray:
+    def window(self, source: Any, path: str, level: int, box: Box, /) -> NDArray:
         """Texels of a window with a border of one texel around it, in the format of the page."""
         ...
 
@@ -79,7 +79,7 @@ class TexturePool:
         self.anisotropy = max(1.0, float(anisotropy))
         self.atlases = tuple(PageAtlas(gl, page_class) for page_class in range(len(PAGE_FORMATS)))
         self.records = RecordTexture(gl)
-        self._readers: dict[type, object] = {}
+        self._readers: dict[Callable, object] = {}
         self._numbers: dict[Hashable, int] = {}
         self._images: list[_Image] = []
         self._asked: list[tuple] = []
@@ -89,10 +89,10 @@ class TexturePool:
         self.places = np.zeros((0, MAX_LEVELS, 4))
         self.page_class = np.zeros(0, np.int64)
 
-    def reader(self, reader_class: type[_Reader]) -> _Reader:
-        """The pool's reader of that class."""
+    def reader(self, reader_class: Callable[..., _Reader], *arguments: object) -> _Reader:
+        """The pool's reader of that class; `arguments` are for its first use."""
         if reader_class not in self._readers:
-            self._readers[reader_class] = reader_class()
+            self._readers[reader_class] = reader_class(*arguments)
         return cast("_Reader", self._readers[reader_class])
 
     def begin(self) -> None:
@@ -100,10 +100,13 @@ class TexturePool:
         self._numbers, self._images, self._asked = {}, [], []
         self.records.begin()
 
-    def image(self, source: Hashable, path: str, reader_class: type = PyramidCache) -> int:
-        """Number of an image in this view; `path` is the prim to name when the file cannot be read."""
+    def image(self, source: Hashable, path: str, reader: TexelReader | None = None) -> int:
+        """Number of an image in this view; `path` is the prim to name when the file cannot be read.
+
+        The reader, by default the `PyramidCache` of all images, decides what sources are.
+        """
         if source not in self._numbers:
-            reader = cast("TexelReader", self.reader(reader_class))
+            reader = reader or cast("TexelReader", self.reader(PyramidCache))
             self._numbers[source] = len(self._images)
             self._images.append(_Image(source, path, reader, reader.facts(source, path)))
         return self._numbers[source]

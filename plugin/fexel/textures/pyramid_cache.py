@@ -19,14 +19,13 @@ from fexel import images, mipmaps
 from fexel.errors import FexelError, FexelWarning
 from fexel.textures.image_source import ImageSource
 from fexel.textures.page_format import HALF, SRGB
+from fexel.textures.page_texels import bordered, encode_page, inner_box
 
 __all__ = ["HALF", "SRGB", "ImageFacts", "PyramidCache"]
 
 _KEEP_BYTES = 512 * 2**20
 _STRIP_TEXELS = 2**18
 _IDENTITY = ((1.0, 1.0, 1.0, 1.0), (0.0, 0.0, 0.0, 0.0))
-# sRGB encoding to 8 bits by table: 2^16 steps of linear light are finer than half an 8-bit step even at black.
-_ENCODE = (images.linear_to_srgb(np.arange(65536) / np.float32(65535)) * 255 + 0.5).astype(np.uint8)
 
 
 @dataclass(frozen=True)
@@ -121,14 +120,11 @@ class PyramidCache:
         """
         facts = self.facts(source, path)
         width, height = (mipmaps.level_size(size, level) for size in facts.size)
-        x0, y0, x1, y1 = box
-        inner = (max(x0 - 1, 0), max(y0 - 1, 0), min(x1 + 1, width), min(y1 + 1, height))
+        inner = inner_box(box, (width, height))
         texels = self._read(source, facts, path, level, inner)
         if facts.wrap[0] == "patch":
             texels = _without_rim(texels, inner, (width, height))
-        pad_x, pad_y = (inner[0] - x0 + 1, x1 + 1 - inner[2]), (inner[1] - y0 + 1, y1 + 1 - inner[3])
-        texels = _pad(texels, 1, pad_x, facts.wrap[0])
-        return np.ascontiguousarray(_pad(texels, 0, pad_y, facts.wrap[1]))
+        return bordered(texels, box, (width, height), facts.wrap)
 
     def _read(
         self, source: ImageSource, facts: ImageFacts, path: str, level: int, box: tuple[int, int, int, int]
@@ -138,7 +134,9 @@ class PyramidCache:
         if partial and source not in self._damaged:
             try:
                 pixels = images.read_pixels(info, level, box)
-                return _encode(_scaled(images.to_linear(pixels, info, source.color_space), source), facts.page_class)
+                return encode_page(
+                    _scaled(images.to_linear(pixels, info, source.color_space), source), facts.page_class
+                )
             except FexelError as error:
                 self._damaged.add(source)
                 self._warn(path, str(error))
@@ -203,7 +201,7 @@ def _encoded_levels(strips: Iterable[NDArray[np.float32]], facts: ImageFacts, fi
     for rows in strips:
         for level, texels in enumerate(levels):
             if texels is not None:
-                texels[filled[level] : filled[level] + len(rows)] = _encode(rows, facts.page_class)
+                texels[filled[level] : filled[level] + len(rows)] = encode_page(rows, facts.page_class)
             filled[level] += len(rows)
             rows = halvers[level].feed(rows)
     return levels
@@ -223,14 +221,6 @@ def _scaled(texels: NDArray[np.float32], source: ImageSource) -> NDArray[np.floa
     return np.concatenate([(straight * scale[:3] + bias[:3]) * alpha, alpha], axis=-1)
 
 
-def _encode(texels: NDArray[np.float32], page_class: int) -> NDArray:
-    if page_class == HALF:
-        return texels.astype(np.float16)
-    encoded = (texels.clip(0, 1) * 255 + 0.5).astype(np.uint8)
-    encoded[..., :3] = _ENCODE[(texels[..., :3].clip(0, 1) * 65535 + 0.5).astype(np.uint16)]
-    return encoded
-
-
 def _without_rim(texels: NDArray, box: tuple[int, int, int, int], size: tuple[int, int]) -> NDArray:
     texels = texels.copy()
     x0, y0, x1, y1 = box
@@ -243,15 +233,3 @@ def _without_rim(texels: NDArray, box: tuple[int, int, int, int], size: tuple[in
     if y1 == size[1]:
         texels[-1] = 0
     return texels
-
-
-def _pad(texels: NDArray, axis: int, pad: tuple[int, int], mode: str) -> NDArray:
-    """Continue a level beyond its ends; for `repeat` it is whole along that axis."""
-    if pad == (0, 0):
-        return texels
-    widths = [(0, 0)] * texels.ndim
-    widths[axis] = pad
-    numpy_mode = {"clamp": "edge", "mirror": "symmetric", "repeat": "wrap"}.get(mode)
-    if mode == "repeat" and min(pad) == 0:
-        numpy_mode = "edge"  # a window that does not reach the other end is not seen across the seam
-    return np.pad(texels, widths, mode=numpy_mode) if numpy_mode else np.pad(texels, widths)

@@ -1,0 +1,192 @@
+"""Pinchmaps on the GPU: which texels of pinchmap and signal a view sees, and the constants of shaders/pinchmap*.glsl.
+
+Positions are in texels of the pinchmap, t up. Mip levels of the signal down to the resolution of the pinchmap are its
+own; coarser ones are averages of the picture. A texture without a usable pinchmap has one that displaces nothing, of
+the signal's own resolution.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fexel import homography
+from fexel.textures.index import build_tree
+from fexel.textures.kind import Sight
+from fexel.textures.pinchmap import PinchmapData
+from fexel.textures.pinchmap_binding import PinchmapConstants, PinchmapSlot, bind, pinchmap_slot
+from fexel.textures.pinchmap_picture import PictureLevels, PictureSource
+from fexel.textures.pinchmap_texels import CONSTANT, PinchmapTexels
+from fexel.textures.pool import TexturePool
+from fexel.textures.pyramid_cache import PyramidCache
+from fexel.textures.residency import MAX_LEVELS, PairView, view_pairs
+
+__all__ = ["bind", "plan"]
+
+# How far away what is displaced comes from, in texels of the pinchmap.
+_REACH = 1.5
+# Log2 of the pixels that a texel may be wide before it is interpolated in full precision: filters of hardware have
+# weights of 8 bits.
+_DEEP = 7
+# Far below a texel; a surface whose st end at 0 and 1 may exceed them by rounding.
+_ROUNDING = 1e-5
+
+
+@dataclass(frozen=True, eq=False)
+class _Images:
+    """Numbers in the pool, and how they go together.
+
+    `size` is that of the pinchmap, `octaves` K: the signal is 2^K as fine. `has_edges`: there is a pinchmap.
+    """
+
+    pinchmap: int
+    signal: int
+    picture: int
+    size: NDArray[np.int64]
+    octaves: int
+    has_edges: bool
+
+    def level(self, level: int) -> tuple[int, int]:
+        """Image that has a mip level of the texture, and which of its own it is."""
+        if self.has_edges and level > self.octaves:
+            return self.picture, level - self.octaves
+        return self.signal, level
+
+
+@dataclass(frozen=True, eq=False)
+class _PinchmapPlan:
+    """One pinchmap of one view."""
+
+    data: PinchmapData
+    sight: Sight
+    images: _Images
+    levels: tuple[int, int]
+    seen: PairView
+    wrap: tuple[str, str]
+
+    @property
+    def layers_total(self) -> int:
+        return 1
+
+    @property
+    def layers_seen(self) -> Collection[str]:
+        return (self.sight.path,)
+
+    def write(self, pool: TexturePool) -> PinchmapSlot:
+        images, data, seen = self.images, self.data, self.seen
+        finest, coarsest = self._levels_within(pool)
+        matrix = homography.normalize(self.sight.local_to_st[None])[0]
+        shown = [images.level(level) for level in range(finest, coarsest + 1)]
+        alpha = data.line_color[3]
+        constants = PinchmapConstants(
+            matrix=matrix * [*images.size, 1],
+            nearest=self._nearest(),
+            size=images.size,
+            h=min(0.5 * 2.0 ** (finest - images.octaves), 0.5),
+            antialias=data.antialias,
+            line_width=data.line_width if images.has_edges else 0.0,
+            line_color=(*(alpha * value for value in data.line_color[:3]), alpha),
+            octaves=images.octaves,
+            finest=finest,
+            places=np.array([_upright(pool.places[image, level], pool, image, images.size) for image, level in shown]),
+            texel_zero=self._texel_zero(pool),
+            page_size=np.array(pool.atlases[pool.page_class[images.pinchmap]].size, np.float64),
+            page_classes=(int(pool.page_class[images.pinchmap]), int(pool.page_class[images.signal])),
+            has_edges=images.has_edges,
+            nested=self.sight.nested,
+        )
+        low, high = seen.low[0] * images.size, seen.high[0] * images.size
+        return pinchmap_slot(
+            constants,
+            pool.records,
+            wrap=self.wrap,
+            affine=bool((matrix[:2, 2] == 0).all()),
+            deep=bool(seen.lod_low[0] - images.octaves < -_DEEP),
+            minified=bool(seen.lod_high[0] > 0),
+            probes=bool(seen.probes[0] > 1),
+            outside=bool((low < -_ROUNDING).any() or (high > images.size + _ROUNDING).any()),
+            across=bool((low < _REACH).any() or (high > images.size - _REACH).any()),
+        )
+
+    def _levels_within(self, pool: TexturePool) -> tuple[int, int]:
+        """Levels that are resident: the budget may have left out the finest of either image."""
+        images = self.images
+        finest, coarsest = self.levels
+        if finest <= images.octaves or not images.has_edges:
+            finest = max(finest, int(pool.finest[images.signal]))
+            if images.has_edges and finest > images.octaves:
+                finest = images.octaves + 1
+        if images.has_edges and finest > images.octaves:
+            finest = max(finest, images.octaves + int(pool.finest[images.picture]))
+        return finest, max(coarsest, finest)
+
+    def _nearest(self) -> NDArray[np.float64]:
+        """Local st where the footprint is smallest: there float32 needs its digits."""
+        pieces = self.sight.pieces
+        nearest = np.linalg.norm(pieces.jacobian, axis=(2, 3)).max(axis=1).argmin()
+        return (pieces.low[nearest] + pieces.high[nearest]) / 2
+
+    def _texel_zero(self, pool: TexturePool) -> NDArray[np.float64]:
+        """Page texel of the pinchmap's texel at position (0, 0), its lower left corner."""
+        place = pool.places[self.images.pinchmap, 0]
+        page = np.array(pool.atlases[pool.page_class[self.images.pinchmap]].size)
+        rows = pool.facts(self.images.pinchmap).size[1]
+        return np.rint(place[2:] * page) + [0, rows - 1]
+
+
+def plan(data: PinchmapData, sight: Sight, pool: TexturePool) -> _PinchmapPlan:
+    """What a view sees of a pinchmap; see `fexel.textures.kind.KindGpu`."""
+    images = _images(data, sight.path, pool)
+    matrix = homography.normalize(sight.local_to_st[None])
+    bounds = homography.unit_square_bounds(matrix) if sight.nested else np.array([[-np.inf, -np.inf, np.inf, np.inf]])
+    tree = build_tree(sight.pieces, matrix, bounds)
+    facts = pool.facts(images.signal)
+    size = np.array([facts.size], np.float64)
+    seen = view_pairs(tree, matrix, bounds, size, pool.anisotropy)
+    last = min(facts.last_level, MAX_LEVELS - 1)
+    finest = int(np.floor(seen.lod_low[0]).clip(0, last))
+    coarsest = int((np.floor(seen.lod_high[0]) + 1).clip(0, last))
+    reach = _REACH / images.size
+    uv = seen.low - reach, seen.high + reach
+    for level in range(finest, coarsest + 1):
+        image, own = images.level(level)
+        _ask(pool, image, own, uv)
+    _ask(pool, images.pinchmap, 0, uv)
+    return _PinchmapPlan(data, sight, images, (finest, coarsest), seen, facts.wrap)
+
+
+def _ask(pool: TexturePool, image: int, level: int, uv: tuple[NDArray[np.float64], NDArray[np.float64]]) -> None:
+    levels = np.array([level])
+    pool.ask(np.array([image]), (levels, levels), uv)
+
+
+def _images(data: PinchmapData, path: str, pool: TexturePool) -> _Images:
+    """Images of a texture; that of `inputs:fallback` where its pinchmap cannot be used."""
+    cache = pool.reader(PyramidCache)
+    reader = pool.reader(PinchmapTexels)
+    facts = cache.facts(data.signal, path)
+    repeats = facts.wrap[0] == "repeat", facts.wrap[1] == "repeat"
+    source = reader.source(data.pinchmap, path, facts.info, repeats)
+    signal = data.signal
+    if source is None:
+        source, signal = CONSTANT, replace(signal, file="", wrap=("clamp", "clamp"))
+    number = pool.image(signal, path)
+    pinchmap = pool.image(source, path, reader)
+    signal_size = np.array(pool.facts(number).size)
+    if source is CONSTANT:
+        return _Images(pinchmap, number, number, signal_size, 0, has_edges=False)
+    size = np.array(pool.facts(pinchmap).size)
+    octaves = int(signal_size[0] // size[0]).bit_length() - 1
+    pictures = pool.reader(PictureLevels, cache, reader)
+    picture = PictureSource(signal, source, data.line_width, data.line_color if data.line_width else (0.0,) * 4)
+    return _Images(pinchmap, number, pool.image(picture, path, pictures), size, octaves, has_edges=True)
+
+
+def _upright(place: NDArray[np.float64], pool: TexturePool, image: int, size: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Scale and offset from positions, t up, where the pool has them from texels of an image's level 0, y down."""
+    texels = np.array(pool.facts(image).size) / size
+    scale = place[:2] * texels
+    return np.array([scale[0], -scale[1], place[2], place[3] + scale[1] * size[1]])

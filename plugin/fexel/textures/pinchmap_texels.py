@@ -1,0 +1,141 @@
+"""Texels of pinchmaps, checked and in the format of their pages.
+
+A pinchmap is always whole in memory: it is small, and whether it can be used at all depends on every texel. Where it
+cannot, one warning says why, and the caller shows ``inputs:fallback``.
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fexel import images
+from fexel.errors import FexelError, FexelWarning
+from fexel.textures.atlas import Box
+from fexel.textures.page_format import FLOAT, SNORM
+from fexel.textures.pinchmap_twin import decode_texels, signal_half_texel
+from fexel.textures.pyramid_cache import ImageFacts
+
+__all__ = ["CONSTANT", "PinchmapSource", "PinchmapTexels"]
+
+_CHANNELS = 4
+_LARGEST = 8192  # texels a side: beyond it a pinchmap would fill the texture memory of any view
+# Inactive everywhere: no texel of the signal is displaced.
+_INACTIVE = np.array([[[0, 0, 127, 0]]], np.int8)
+
+
+@dataclass(frozen=True)
+class PinchmapSource:
+    """A pinchmap in a page.
+
+    Attributes
+    ----------
+    file : str
+        Resolved path; '' for the pinchmap of one texel that displaces nothing.
+    repeats : (bool, bool)
+        Whether it continues with its other end along s and t, else with its edge.
+    """
+
+    file: str = ""
+    repeats: tuple[bool, bool] = (False, False)
+
+
+CONSTANT = PinchmapSource()
+
+
+class PinchmapTexels:
+    """Reads pinchmaps. Warns once about each that cannot be used."""
+
+    def __init__(self) -> None:
+        self._texels: dict[str, NDArray | FexelError] = {"": _INACTIVE}
+        self._warned: set[str] = set()
+
+    def source(
+        self, file: str, path: str, signal: images.ImageInfo | None, repeats: tuple[bool, bool]
+    ) -> PinchmapSource | None:
+        """The pinchmap for a signal, or None where it cannot be used.
+
+        Parameters
+        ----------
+        file : str
+            Resolved path, '' for none.
+        path : str
+            Prim to name.
+        signal : ImageInfo or None
+            None where the signal is a constant.
+        repeats : (bool, bool)
+        """
+        if not file or signal is None:
+            return CONSTANT
+        try:
+            height, width = self._read(file).shape[:2]
+            if signal_half_texel((width, height), (signal.width, signal.height)) is None:
+                raise FexelError(
+                    f"{file}: {width} x {height} texels for a signal of {signal.width} x {signal.height}, expected the "
+                    "signal's size divided by the same power of two along both axes"
+                )
+        except FexelError as error:
+            self._warn(path, str(error))
+            return None
+        return PinchmapSource(file, repeats)
+
+    def _warn(self, path: str, fault: str) -> None:
+        message = f"{path}.inputs:pinchmap: {fault}; inputs:fallback is shown"
+        if message not in self._warned:
+            self._warned.add(message)
+            warnings.warn(message, FexelWarning, stacklevel=2)
+
+    def _read(self, file: str) -> NDArray:
+        """(H, W, 4) int8, of which 127 is 1, or float32."""
+        if file not in self._texels:
+            try:
+                self._texels[file] = _stored(file)
+            except FexelError as error:
+                self._texels[file] = error
+        texels = self._texels[file]
+        if isinstance(texels, FexelError):
+            raise texels
+        return texels
+
+    def texels(self, source: PinchmapSource) -> NDArray[np.float64]:
+        """(H, W, 4), d_s, d_t, k, gamma in [-1, 1]."""
+        texels = self._read(source.file)
+        return texels / 127.0 if texels.dtype == np.int8 else texels.astype(np.float64)
+
+    def facts(self, source: PinchmapSource, _path: str) -> ImageFacts:
+        """See `fexel.textures.pool.TexelReader`."""
+        texels = self._read(source.file)
+        size = (texels.shape[1], texels.shape[0])
+        wrap = ("repeat" if source.repeats[0] else "clamp", "repeat" if source.repeats[1] else "clamp")
+        return ImageFacts(size, SNORM if texels.dtype == np.int8 else FLOAT, wrap, None, has_levels=False)
+
+    def window(self, source: PinchmapSource, _path: str, _level: int, box: Box) -> NDArray:
+        """See `fexel.textures.pool.TexelReader`; there is level 0 alone."""
+        texels = self._read(source.file)
+        column = _continued(np.arange(box[0] - 1, box[2] + 1), texels.shape[1], source.repeats[0])
+        row = _continued(np.arange(box[1] - 1, box[3] + 1), texels.shape[0], source.repeats[1])
+        return np.ascontiguousarray(texels[row[:, None], column])
+
+
+def _continued(index: NDArray[np.int64], size: int, repeats: bool) -> NDArray[np.int64]:
+    return index % size if repeats else index.clip(0, size - 1)
+
+
+def _stored(file: str) -> NDArray:
+    info = images.image_info(file)
+    if info.channels != _CHANNELS:
+        raise FexelError(f"{file}: {info.channels} channels, expected 4 (d_s, d_t, k, gamma)")
+    if max(info.width, info.height) > _LARGEST:
+        raise FexelError(f"{file}: {info.width} x {info.height} texels, expected at most {_LARGEST} along an axis")
+    texels = images.read_pixels(info)
+    if texels.dtype == np.uint8:
+        return (texels.astype(np.int16) - 127).clip(-127, 127).astype(np.int8)
+    if texels.dtype.kind == "f" and not np.isfinite(texels).all():
+        row, column, _ = np.argwhere(~np.isfinite(texels))[0]
+        raise FexelError(
+            f"{file}: a value that is not finite at column {column}, row {row}, expected values in [-1, 1]"
+        )
+    return decode_texels(texels).astype(np.float32)
