@@ -27,7 +27,7 @@ from fexel_tools.framing import camera_poses
 from fexel_tools.geometry import primitive
 from fexel_tools.texture_stage import MATERIALS, begin_stage, define_preview_surface, finish_stage
 
-__all__ = ["DRIVEN_INPUTS", "TEXTURE_PATH", "PinchmapPrim", "busiest_window", "create_stage"]
+__all__ = ["DRIVEN_INPUTS", "TEXTURE_PATH", "PinchmapPrim", "busiest_window", "create_stage", "define_texture"]
 
 TEXTURE_PATH = f"{MATERIALS}/Pinchmap/Texture"
 _DETAIL_TEXELS = 5  # of the pinchmap, along the side of what Detail shows
@@ -150,7 +150,7 @@ def _define_material(stage: Usd.Stage, prim: PinchmapPrim) -> UsdShade.Material:
     is_matt = prim.drives in ("diffuseColor", "emissiveColor", "opacity")
     values = {"roughness": 1.0, "ior": 1.0} if is_matt else {"roughness": 0.4}
     material, surface = define_preview_surface(stage, "Pinchmap", **values, metallic=0.0)
-    texture = _define_texture(stage, prim)
+    texture = define_texture(stage, prim)
     driven = DRIVEN_INPUTS[prim.drives]
     if prim.drives != "diffuseColor":
         grey = 0.0 if prim.drives == "emissiveColor" else _GREY
@@ -167,8 +167,17 @@ def _connect(
     surface.CreateInput(name, type_name).ConnectToSource(texture.CreateOutput(output, _OUTPUT_TYPES[output]))
 
 
-def _define_texture(stage: Usd.Stage, prim: PinchmapPrim) -> fexel.PinchmapTexture:
-    texture = fexel.PinchmapTexture.Define(stage, TEXTURE_PATH)
+def define_texture(stage: Usd.Stage, prim: PinchmapPrim, path: str = TEXTURE_PATH) -> fexel.PinchmapTexture:
+    """Author the texture prim alone, without outputs, fallback and matrix.
+
+    Parameters
+    ----------
+    stage : Usd.Stage
+    prim : PinchmapPrim
+    path : str
+        Below another FexelTexture it is that one's patch.
+    """
+    texture = fexel.PinchmapTexture.Define(stage, path)
     texture.CreateFileAttr(Sdf.AssetPath(prim.file))
     texture.CreateSourceColorSpaceAttr(prim.source_color_space)
     texture.CreatePinchmapAttr(Sdf.AssetPath(prim.pinchmap)).SetColorSpace("raw")
