@@ -31,6 +31,7 @@ from fexel.images import read_mask
 from fexel_tools.color_bleed import bleed_color
 from fexel_tools.photo_color import decode_srgb_uint8, to_linear_rec709
 from fexel_tools.photos import Photo, probe_photo, read_stored_pixels, upright
+from fexel_tools.pinchmap_regions import RegionSides, region_sides
 from fexel_tools.vector_image import is_vector_image, rasterize
 
 __all__ = ["LONGEST_SIDE_PX", "PinchmapSource", "load_source"]
@@ -58,6 +59,8 @@ class PinchmapSource:
         Stored values, not colours.
     bits : int
         Of the source: 8, 16 or 32 (half and float).
+    regions : RegionSides or None
+        How the sides were found, and which boundaries were lost; None where alpha or a mask told them.
     """
 
     path: Path
@@ -66,6 +69,7 @@ class PinchmapSource:
     side: NDArray[np.float32]
     is_data: bool
     bits: int
+    regions: RegionSides | None = None
 
 
 def load_source(
@@ -75,6 +79,7 @@ def load_source(
     regions: str | None = None,
     mask: str | Path | None = None,
     raw: bool = False,
+    seed: int = 0,
 ) -> PinchmapSource:
     """Read a drawing or image and find the side of each pixel.
 
@@ -113,10 +118,24 @@ def load_source(
         side = read_mask(str(mask), (color.shape[1], color.shape[0]))
         _check_sides(Path(mask), side, "the mask")
     elif regions is not None:
-        raise FexelError(f"{path}: regions are not available yet")
+        return _from_regions(path, color, opacity, regions, raw, bits, seed)
     else:
         side = _alpha_side(path, alpha)
     return PinchmapSource(path, bleed_color(color, opacity), opacity, side, raw, bits)
+
+
+def _from_regions(
+    path: Path,
+    color: NDArray[np.float32],
+    opacity: NDArray[np.float32],
+    regions: str,
+    raw: bool,
+    bits: int,
+    seed: int,
+) -> PinchmapSource:
+    color = bleed_color(color, opacity)
+    found = region_sides(color, opacity, colors=None if regions == "auto" else int(regions), is_data=raw, seed=seed)
+    return PinchmapSource(path, color, opacity, found.side, raw, bits, found)
 
 
 def _alpha_side(path: Path, alpha: NDArray[np.float32] | None) -> NDArray[np.float32]:
