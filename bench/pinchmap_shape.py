@@ -1,0 +1,154 @@
+"""Shape alone: error of the coverage against bytes, pinchmaps beside distance fields and a bilinear texture.
+
+A shape without colours needs no signal, and d and k of a pinchmap follow from its mask, so that three counts of its
+bytes are given, each with the map that fits into them:
+
+* as bound: RGBA8_SNORM, 4 bytes per texel;
+* as it could be stored: a byte of gamma and a bit of mask per texel; d and k are made again when it is loaded;
+* as it could be bound where only the side is wanted: the level k - gamma in one 8-bit channel, 1 byte per texel. The
+  side is its bilinear interpolation's sign, a single filtered access.
+"""
+
+from __future__ import annotations
+
+import statistics
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from bench.distance_field import (
+    SAMPLES,
+    ShapeTexture,
+    bilinear_coverage,
+    distance_field,
+    grid_of_bytes,
+    msdfgen_module,
+    multi_channel_fields,
+)
+from bench.harness import Curve, Row, progress
+from bench.pinch_shapes import Shape, drawings, load_shape
+from fexel_tools.pinchmap_fit import fit
+from fexel_tools.pinchmap_measure import alpha_error, covered_share
+
+NAME = "pinchmap shape"
+_BUDGETS = (1280, 2560, 5120, 10240)
+_ASKED = 5120  # bytes
+_CLAMP = ("clamp", "clamp")
+_LABELS = {
+    "bound": "pinchmap as bound, RGBA, 4 B per texel",
+    "stored": "pinchmap stored as gamma and mask, 9/8 B",
+    "level": "pinchmap's level in one channel, 1 B",
+    "msdf": "multi-channel distance field (msdfgen), 3 B",
+    "sdf": "distance field, 1 B",
+    "bilinear": "bilinear alpha, 1 B",
+}
+
+
+@dataclass
+class _Figures:
+    """Alpha error by way and budget, a value per shape, and the shapes' names."""
+
+    names: list[str] = field(default_factory=list)
+    errors: dict[tuple[str, int], list[float]] = field(default_factory=dict)
+
+    def median(self, way: str, nbytes: int) -> float:
+        return statistics.median(self.errors.get((way, nbytes), [float("nan")]))
+
+    def share_below(self, way: str, rival: str, nbytes: int) -> str:
+        pairs = list(zip(self.errors[way, nbytes], self.errors.get((rival, nbytes), []), strict=False))
+        return f"{sum(a <= b for a, b in pairs)} of {len(pairs)} shapes"
+
+
+_measured = _Figures()
+
+
+def rows(quick: bool) -> Iterator[Row]:
+    global _measured
+    _measured = figures = _Figures()
+    budgets = (_ASKED,) if quick else _BUDGETS
+    for path in progress(drawings(quick), "shapes"):
+        shape = load_shape(path)
+        figures.names.append(shape.name)
+        for (way, nbytes), texture in _textures(shape, budgets).items():
+            figures.errors.setdefault((way, nbytes), []).append(alpha_error(texture.coverage, shape.alpha))
+    if figures.names:
+        yield from _rows_of(figures)
+
+
+def curves(quick: bool) -> Iterator[Curve]:  # noqa: ARG001
+    for way, label in _LABELS.items():
+        points = [(nbytes, _measured.median(way, nbytes)) for nbytes in _BUDGETS if (way, nbytes) in _measured.errors]
+        if points:
+            yield Curve(
+                plot="pinchmap_shape",
+                label=label,
+                x=[nbytes for nbytes, _ in points],
+                y=[error for _, error in points],
+                x_label="bytes",
+                y_label=f"mean alpha error, median of {len(_measured.names)} shapes",
+                x_log=True,
+                y_log=True,
+                ours=way in ("bound", "stored", "level"),
+            )
+
+
+def _textures(shape: Shape, budgets: tuple[int, ...]) -> dict[tuple[str, int], ShapeTexture]:
+    ways: dict[str, Callable[[Shape, int], ShapeTexture]] = {
+        "bound": lambda shape, nbytes: _pinchmap(shape, nbytes, 4.0),
+        "stored": lambda shape, nbytes: _pinchmap(shape, nbytes, 9 / 8),
+        "level": _level,
+        "sdf": distance_field,
+        "bilinear": lambda shape, nbytes: bilinear_coverage(shape.alpha, nbytes),
+    }
+    textures = {(way, nbytes): make(shape, nbytes) for way, make in ways.items() for nbytes in budgets}
+    for nbytes, texture in zip(budgets, multi_channel_fields(shape, budgets), strict=False):
+        textures["msdf", nbytes] = texture
+    return textures
+
+
+def _pinchmap(shape: Shape, nbytes: int, bytes_per_texel: float) -> ShapeTexture:
+    pinchmap = fit(shape.alpha, grid_of_bytes(shape.alpha.shape, nbytes, bytes_per_texel)).pinchmap
+    return _drawn(shape, pinchmap[..., 2] - pinchmap[..., 3], bytes_per_texel)
+
+
+def _level(shape: Shape, nbytes: int) -> ShapeTexture:
+    """The level, -2 to 2, in the 255 values of an 8-bit signed normalised channel."""
+    pinchmap = fit(shape.alpha, grid_of_bytes(shape.alpha.shape, nbytes, 1)).pinchmap
+    return _drawn(shape, np.rint((pinchmap[..., 2] - pinchmap[..., 3]) / 2 * 127), 1)
+
+
+def _drawn(shape: Shape, levels: np.ndarray, bytes_per_texel: float) -> ShapeTexture:
+    covered = covered_share(levels.astype(np.float64), shape.alpha.shape, _CLAMP, SAMPLES)
+    return ShapeTexture(round(levels.size * bytes_per_texel), covered)
+
+
+def _rows_of(figures: _Figures) -> Iterator[Row]:
+    setting = f"{_ASKED} bytes, SVGs at 1024 pixels"
+    msdf, sdf = figures.median("msdf", _ASKED), figures.median("sdf", _ASKED)
+    elsewhere = f"MSDF {1e3 * msdf:.2f}, SDF {1e3 * sdf:.2f}, bilinear {1e3 * figures.median('bilinear', _ASKED):.1f}"
+    asked = (None, None) if msdfgen_module() is None else (1e3 * msdf, "<=")
+    for way in ("bound", "stored", "level"):
+        yield Row(
+            "alpha error, median",
+            f"{_LABELS[way]}; {setting}",
+            1e3 * figures.median(way, _ASKED),
+            "/1000",
+            *asked,
+            elsewhere,
+            samples=len(figures.names),
+            note=f"not above MSDF on {figures.share_below(way, 'msdf', _ASKED)}, SDF on "
+            f"{figures.share_below(way, 'sdf', _ASKED)}; asked for: MSDF's",
+        )
+    worst = int(np.argmax(figures.errors["stored", _ASKED]))
+    yield Row(
+        "alpha error, worst",
+        f"{figures.names[worst]}, {_LABELS['stored']}; {setting}",
+        1e3 * figures.errors["stored", _ASKED][worst],
+        "/1000",
+        reference=", ".join(
+            f"{name} {1e3 * figures.errors[way, _ASKED][worst]:.1f}"
+            for way, name in (("msdf", "MSDF"), ("sdf", "SDF"))
+            if (way, _ASKED) in figures.errors
+        ),
+    )
