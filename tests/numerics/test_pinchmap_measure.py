@@ -47,13 +47,27 @@ def test_side_of_pixels_is_that_of_the_float64_twin(rng, wrap, shape):
 
 
 def test_texel_lies_at_the_lower_left_corner_of_its_cell():
-    texels = np.zeros((4, 4))
-    texels[2, 1] = 1.0
-    field = pinchmap_measure.evaluate_texels(texels, (40, 40))
+    pinchmap = np.zeros((4, 4, 4))
+    pinchmap[2, 1, 2] = 1.0
+    field = pinchmap_measure.boundary_field(pinchmap, (40, 40))
     row, column = np.unravel_index(np.argmax(field), field.shape)
     # The four pixels around column 10, row 30 are equally near to the texel.
     assert {row, column} <= {9, 10, 29, 30}
     np.testing.assert_allclose(field[29:31, 9:11], 0.95**2)
+
+
+@pytest.mark.parametrize("wrap", ["clamp", "repeat"])
+def test_map_of_a_window_is_the_map_of_the_picture_cut_out_and_goes_on_as_it_wraps(rng, wrap):
+    pinchmap = random_pinchmap(rng, (6, 5))
+    window = (7, -4, 37, 32)
+    whole = pinchmap_measure.boundary_field(pinchmap, (36, 30), (wrap, wrap))
+    field = pinchmap_measure.boundary_field(pinchmap, (40, 50), (wrap, wrap), window=window)
+    np.testing.assert_allclose(field[:32, 7:37], whole[4:], atol=1e-6)
+    y, x = np.mgrid[:40, :50] + 0.5
+    st = np.stack([(x - 7) / 30, 1 - (y + 4) / 36], -1).reshape(-1, 2)
+    np.testing.assert_allclose(field, pinchmap_twin.edge(pinchmap, st, (wrap, wrap)).reshape(40, 50), atol=1e-6)
+    covered = pinchmap_measure.coverage(pinchmap, (40, 50), (wrap, wrap), samples=1, window=window)
+    assert np.mean(covered != (field > 0)) < 0.02
 
 
 def test_coverage_is_the_share_of_samples_on_the_plus_side(rng):

@@ -31,7 +31,6 @@ __all__ = [
     "boundary_field",
     "coverage",
     "covered_share",
-    "evaluate_texels",
     "iou",
     "measure_shape",
     "mismatch",
@@ -39,6 +38,7 @@ __all__ = [
     "side_of_pixels",
 ]
 
+Window = tuple[float, float, float, float]
 _BEST_PSNR_DB = 100.0
 _TABLE_SIZE = 4096
 
@@ -75,7 +75,11 @@ class ShapeMeasures:
 
 
 def measure_shape(
-    pinchmap: NDArray[np.floating], side: NDArray[np.floating], wrap: tuple[str, str] = ("clamp", "clamp")
+    pinchmap: NDArray[np.floating],
+    side: NDArray[np.floating],
+    wrap: tuple[str, str] = ("clamp", "clamp"),
+    *,
+    window: Window | None = None,
 ) -> ShapeMeasures:
     """All figures of shape of a pinchmap against its source.
 
@@ -87,12 +91,14 @@ def measure_shape(
         Of the source, in [0, 1]; NaN counts as 0.
     wrap : (str, str)
         Along s and t.
+    window : (float, float, float, float), optional
+        As for :func:`boundary_field`.
 
     Returns
     -------
     ShapeMeasures
     """
-    field = boundary_field(pinchmap, side.shape, wrap)
+    field = boundary_field(pinchmap, side.shape, wrap, window=window)
     result = field > 0
     boundary = boundary_distance(field, _level(side))
     return ShapeMeasures(mismatch(result, side), iou(result, side), boundary.mean_px, boundary.max_px)
@@ -104,6 +110,7 @@ def boundary_field(
     wrap: tuple[str, str] = ("clamp", "clamp"),
     *,
     samples: int = 1,
+    window: Window | None = None,
 ) -> NDArray[np.float32]:
     """k^B - gamma^B at the centres of pixels, or of the samples of a regular grid in each.
 
@@ -112,11 +119,14 @@ def boundary_field(
     pinchmap : (Nh, Nw, 4) float
         Decoded. Only k and gamma are read.
     shape : (int, int)
-        Rows and columns of the picture that texture space [0, 1]^2 is divided into.
+        Rows and columns of the picture.
     wrap : (str, str)
         Along s and t; ``repeat`` joins the borders, at any other they go on (a mirrored texture never leaves [0, 1]).
     samples : int
         Along either axis of a pixel.
+    window : (float, float, float, float), optional
+        Left, top, right and bottom of what the map covers, in pixels of the picture; the map goes on around it as
+        `wrap` says. Default: the whole picture.
 
     Returns
     -------
@@ -124,42 +134,22 @@ def boundary_field(
         Positive on the + side. Rounded once, from float64, so that no sign is lost.
     """
     difference = np.subtract(pinchmap[..., 2], pinchmap[..., 3], dtype=np.float64)
-    return evaluate_texels(difference, (shape[0] * samples, shape[1] * samples), wrap)
-
-
-def evaluate_texels(
-    texels: NDArray[np.float64], shape: tuple[int, int], wrap: tuple[str, str] = ("clamp", "clamp")
-) -> NDArray[np.float32]:
-    """Bilinear interpolation of a channel of a pinchmap at pixel centres.
-
-    Texel [r, c] lies at the lower left corner of cell [r, c]: at column c Wp, row (r + 1) Hp of a picture whose cells
-    are Wp x Hp pixels.
-
-    Parameters
-    ----------
-    texels : (Nh, Nw) float64
-    shape : (int, int)
-        Rows and columns of the picture.
-    wrap : (str, str)
-
-    Returns
-    -------
-    (H, W) float32
-    """
-    result = np.empty(shape, np.float32)
-    lines = _lines(np.arange(shape[0]) + 0.5, np.arange(shape[1]) + 0.5, texels, shape, wrap)
-    _interpolate(np.ascontiguousarray(texels), *lines, result)
-    return result
+    lines = [(np.arange(length * samples) + 0.5) / samples for length in shape]
+    return _evaluated(difference, lines, shape, wrap, window)
 
 
 def side_of_pixels(
-    pinchmap: NDArray[np.floating], shape: tuple[int, int], wrap: tuple[str, str] = ("clamp", "clamp")
+    pinchmap: NDArray[np.floating],
+    shape: tuple[int, int],
+    wrap: tuple[str, str] = ("clamp", "clamp"),
+    *,
+    window: Window | None = None,
 ) -> NDArray[np.bool_]:
     """Whether the centre of every pixel lies on the + side: k^B > gamma^B.
 
     Parameters and edges as in :func:`boundary_field`. Returns (H, W) bool.
     """
-    return boundary_field(pinchmap, shape, wrap) > 0
+    return boundary_field(pinchmap, shape, wrap, window=window) > 0
 
 
 def coverage(
@@ -168,27 +158,31 @@ def coverage(
     wrap: tuple[str, str] = ("clamp", "clamp"),
     *,
     samples: int = 4,
+    window: Window | None = None,
 ) -> NDArray[np.float32]:
     """Share of every pixel that lies on the + side: an ideally anti-aliased edge, from samples x samples points.
 
     Pixels whose corners are all on one side are taken to lie there as a whole. Parameters otherwise as in
     :func:`boundary_field`. Returns (H, W) float32 in [0, 1].
     """
-    return covered_share(np.subtract(pinchmap[..., 2], pinchmap[..., 3], dtype=np.float64), shape, wrap, samples)
+    difference = np.subtract(pinchmap[..., 2], pinchmap[..., 3], dtype=np.float64)
+    return covered_share(difference, shape, wrap, samples=samples, window=window)
 
 
 def covered_share(
-    texels: NDArray[np.float64], shape: tuple[int, int], wrap: tuple[str, str], samples: int
+    texels: NDArray[np.float64],
+    shape: tuple[int, int],
+    wrap: tuple[str, str] = ("clamp", "clamp"),
+    *,
+    samples: int = 4,
+    window: Window | None = None,
 ) -> NDArray[np.float32]:
-    """`coverage` of any channel that lies on the texels of a pinchmap and is positive on the + side."""
-    texels = np.ascontiguousarray(texels)
-    corners = np.empty((shape[0] + 1, shape[1] + 1), np.float32)
-    _interpolate(
-        texels, *_lines(np.arange(corners.shape[0]), np.arange(corners.shape[1]), texels, shape, wrap), corners
-    )
+    """`coverage` of any channel that lies on the texels of a pinchmap, (Nh, Nw), and is positive on the + side."""
+    corners = _evaluated(texels, [np.arange(length + 1) for length in shape], shape, wrap, window)
     rows, columns = ((np.arange(length * samples) + 0.5) / samples for length in shape)
     result = np.empty(shape, np.float32)
-    _count_positive(texels, corners, *_lines(rows, columns, texels, shape, wrap), samples, result)
+    lines = _lines(rows, columns, texels, shape, wrap, window)
+    _count_positive(np.ascontiguousarray(texels, np.float64), corners, *lines, samples, result)
     return result
 
 
@@ -278,12 +272,28 @@ def _level(side: NDArray[np.floating]) -> NDArray[np.float32]:
     return np.nan_to_num(np.asarray(side, np.float32)) - np.float32(0.5)
 
 
+def _evaluated(
+    texels: NDArray, lines: Sequence[NDArray], shape: tuple[int, int], wrap: tuple[str, str], window: Window | None
+) -> NDArray[np.float32]:
+    """Bilinear interpolation at the crossings of rows and columns, continuous coordinates of a picture of `shape`."""
+    result = np.empty((len(lines[0]), len(lines[1])), np.float32)
+    where = _lines(lines[0], lines[1], texels, shape, wrap, window)
+    _interpolate(np.ascontiguousarray(texels, np.float64), *where, result)
+    return result
+
+
 def _lines(
-    rows: NDArray, columns: NDArray, texels: NDArray, shape: tuple[int, int], wrap: tuple[str, str]
+    rows: NDArray,
+    columns: NDArray,
+    texels: NDArray,
+    shape: tuple[int, int],
+    wrap: tuple[str, str],
+    window: Window | None,
 ) -> tuple[NDArray, ...]:
-    """Texels and weights for the given rows and columns of a picture, continuous pixel coordinates."""
-    down = rows * (texels.shape[0] / shape[0]) - 1
-    across = columns * (texels.shape[1] / shape[1])
+    """Texels and weights of rows and columns. Texel [r, c] lies at the lower left corner of cell [r, c]."""
+    left, top, right, bottom = window or (0, 0, shape[1], shape[0])
+    down = (rows - top) * (texels.shape[0] / (bottom - top)) - 1
+    across = (columns - left) * (texels.shape[1] / (right - left))
     return *_neighbours(down, texels.shape[0], wrap[1]), *_neighbours(across, texels.shape[1], wrap[0])
 
 
