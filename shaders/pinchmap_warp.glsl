@@ -85,9 +85,9 @@ float pinch_line(vec4 texel, vec2 position, vec2 gradient, vec2 dx, vec2 dy, flo
     float determinant = dx.x * dy.y - dx.y * dy.x;
     vec2 slope = vec2(dy.y * gradient.x - dx.y * gradient.y, dx.x * gradient.y - dy.x * gradient.x);
     float halfWidth = 0.5 * lineWidth * length(slope) / max(abs(determinant), 1e-30);   // in units of pinch_edge, as below
-    float pixel = max(antialias * length(gradient), 1e-10);
+    float pixels = 1.0 / max(antialias * length(gradient), 1e-10);
     float away = abs(pinch_edge(texel));
-    float covered = min(away + 0.5 * pixel, halfWidth) - max(away - 0.5 * pixel, -halfWidth);
+    float covered = clamp(0.5 + (halfWidth - away) * pixels, 0.0, 1.0) - clamp(0.5 - (halfWidth + away) * pixels, 0.0, 1.0);
     vec2 direction = abs(pinch_direction(texel.xy, pinch_rectify(texel.xy, texel.z, position), texel.z));
-    return clamp(covered / pixel, 0.0, 1.0) * max(direction.x, direction.y) * pinch_fade(footprint);
+    return covered * max(direction.x, direction.y) * pinch_fade(footprint);
 }

@@ -47,22 +47,23 @@ class Lattice:
         self._active = active.reshape(-1)
 
     def locate(self, st: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArray[np.float64], NDArray[np.float64]]:
-        """Cells (M,), fractions (M, 2), and per axis -1 where the texture is seen mirrored, else 1: (M, 2)."""
+        """Cells (M,), fractions (M, 2), and d(wrapped)/d(st), (M, 2): 1, -1 where mirrored, 0 where clamped."""
         position = np.empty_like(st)
-        sign = np.ones_like(st)
+        direction = np.ones_like(st)
         for axis, mode in enumerate(self._wrap):
             x = st[:, axis]
             if mode == "repeat":
                 position[:, axis] = x - np.floor(x)
             elif mode == "mirror":
                 x = x - 2 * np.floor(0.5 * x + 0.5)
-                sign[:, axis] = np.where(x < 0, -1, 1)
+                direction[:, axis] = np.where(x < 0, -1, 1)
                 position[:, axis] = np.abs(x)
             else:
                 position[:, axis] = np.clip(x, 0, 1)
+                direction[:, axis] = position[:, axis] == x
         position *= self._size
         corner = np.minimum(np.floor(position), self._size - 1)
-        return (corner[:, 1] * self._stride + corner[:, 0]).astype(np.intp), position - corner, sign
+        return (corner[:, 1] * self._stride + corner[:, 0]).astype(np.intp), position - corner, direction
 
     def is_active(self, cell: NDArray[np.intp]) -> NDArray[np.bool_]:
         """Whether any corner of the cells has a direction: elsewhere nothing is displaced."""

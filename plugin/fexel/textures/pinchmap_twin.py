@@ -1,10 +1,10 @@
 """Pinchmaps in float64 NumPy: the oracle of shaders/pinchmap_warp.glsl, and lookups without a GPU.
 
 The program of sections 4 to 6 of Tarini and Cignoni 2005 ("Pinchmaps: textures with customizable discontinuities"),
-with its open points settled as follows. The pinchmap is fetched at st + 0.5 / size whatever the size of the signal, so its
-texel lies at the lower left corner of its cell. Of the two alternatives for the rectified k the one nearer to k^B is
-right. The direction is divided by 1 - max(|k|, |k^B|). The target on the segment is evaluated directly
-and held above a ramp, which makes anti-aliasing continuous, monotone and centred for every gamma:
+with its open points settled as follows. The pinchmap is fetched at st + 0.5 / size whatever the size of the signal, so
+that its texel lies at the lower left corner of its cell. Of the two alternatives for the rectified k the one nearer to
+k^B is right. The direction is divided by 1 - max(|k|, |k^B|). The target on the segment is evaluated directly and held
+above a ramp, which makes anti-aliasing continuous, monotone and centred for every gamma:
 
     m = (1 - sk) / (1 - s gamma),   T = s clamp(beta |k - gamma|, 1 - m, 1 - (1 - h) m),   s = sign(k - gamma)
 
@@ -47,7 +47,8 @@ FADE_START = 1.0
 FADE_END = 2.0
 """Footprint, in pinchmap texels, from which the signal's mip levels are shown as they are."""
 _SAMPLES = 8  # along a cell, for its average
-_ZERO = 1e-5  # |d| below this is 0: a decoded 127 may miss it by a rounding
+_ZERO = 1e-6  # where d or k is a zero with rounding errors the alternatives for k mean nothing
+_HARD = 1e-10  # width of a hard edge, in units of k
 _GUARD = 1e-6  # of divisors that vanish together with what they divide
 _FLOOR = 1e-30  # keeps logarithms and divisions finite where the jacobian is 0
 
@@ -198,14 +199,14 @@ def pinch(
     axes = np.broadcast_to(axes, (len(st), 2, 2))
     result = Pinch(st.copy(), np.empty(len(st)), np.empty(len(st)), np.zeros(len(st)))
     for block in blocks(len(st)):
-        cell, fraction, sign = lattice.locate(st[block])
+        cell, fraction, direction = lattice.locate(st[block])
         texel = lattice.interpolate(cell, fraction)
         result.k_b[block], result.gamma_b[block] = texel[:, 2], texel[:, 3]
         active = np.flatnonzero(lattice.is_active(cell))
         if not len(active):
             continue
         where = block.start + active
-        slope = lattice.edge_slope(cell[active], fraction[active]) * sign[active]
+        slope = lattice.edge_slope(cell[active], fraction[active]) * direction[active]
         if gradient is None:
             across = np.einsum("mi,mij->mj", slope, axes[where])
         else:
@@ -214,7 +215,7 @@ def pinch(
         width = antialias * np.hypot(across[:, 0], across[:, 1])
         part = _Segment(texel[active], fraction[active])
         offset = part.displacement(h, width, footprint[where])
-        result.st[where] += offset * sign[active] / size
+        result.st[where] += offset * direction[active] / size
         if line_width > 0:
             half = 0.5 * line_width * np.hypot(slope[:, 0], slope[:, 1])
             result.line[where] = part.line_coverage(half, width, footprint[where])
@@ -327,42 +328,43 @@ def picture_levels(
 
 
 class _Segment:
-    """Points on their pinch segments: place k, line gamma, direction d, all (M,)."""
+    """Points on their pinch segments, all (M,): what `pinch_displace` of shaders/pinchmap_warp.glsl computes."""
 
     def __init__(self, texel: NDArray[np.float64], fraction: NDArray[np.float64]) -> None:
-        d = np.where(np.abs(texel[:, :2]) < _ZERO, 0.0, texel[:, :2])
-        k_b = texel[:, 2]
-        self.k = _rectified(d, k_b, fraction)
+        d, k_b = texel[:, :2], texel[:, 2]
         self.edge = k_b - texel[:, 3]
+        self._away = np.abs(self.edge)
         self._side = np.where(self.edge > 0, 1.0, -1.0)
-        self._direction = np.clip(d / (1 - np.maximum(np.abs(self.k), np.abs(k_b)) + _GUARD)[:, None], -1, 1)
-        # 1 at the line, 0 at the end of the segment. Beyond |gamma| = 1, which the correction can reach, still within.
-        gamma = self.k - self.edge
-        self._m = np.minimum((1 - self._side * self.k) / np.maximum(1 - self._side * gamma, _GUARD), 1.0)
+        k = _rectified(d, k_b, fraction)
+        self._direction = np.clip(d / (1 - np.maximum(np.abs(k), np.abs(k_b)) + _GUARD)[:, None], -1, 1)
+        self._rest = 1 - self._side * k  # from here to the end of the segment
+        self._scale = 1 / (self._rest + self._away + _GUARD)  # 1 over the whole way from the line to there
 
     def displacement(self, h: float, width: NDArray[np.float64], footprint: NDArray[np.float64]) -> NDArray[np.float64]:
         """(M, 2), in pinchmap texels; width of the transition in units of k, footprint in texels."""
-        h_seen = np.clip(0.5 * footprint, h, 0.5)
-        ramp = 2 * h_seen * np.abs(self.edge) / np.maximum(width, _FLOOR)
-        target = self._side * np.clip(ramp, 1 - self._m, 1 - (1 - h_seen) * self._m)
-        return (_fade(footprint) * (self.k - target))[:, None] * self._direction
+        seen = np.clip(0.5 * footprint, h, 0.5)
+        ramp = 2 * seen * self._away / np.maximum(width, _HARD)
+        target = np.clip(ramp, self._away * self._scale, (self._away + seen * self._rest) * self._scale)
+        return (_fade(footprint) * self._side * (1 - self._rest - target))[:, None] * self._direction
 
     def line_coverage(
         self, half: NDArray[np.float64], width: NDArray[np.float64], footprint: NDArray[np.float64]
     ) -> NDArray[np.float64]:
         """Share of a pixel of `width` under a line twice `half` wide, in units of k; times the strength."""
-        distance, pixel = np.abs(self.edge), np.maximum(width, _FLOOR)
-        covered = np.minimum(distance + 0.5 * pixel, half) - np.maximum(distance - 0.5 * pixel, -half)
+        pixel = np.maximum(width, _HARD)
+        near, far = 0.5 + (half - self._away) / pixel, 0.5 - (half + self._away) / pixel
         strength = np.max(np.abs(self._direction), axis=1)
-        return np.clip(covered / pixel, 0, 1) * strength * _fade(footprint)
+        return (np.clip(near, 0, 1) - np.clip(far, 0, 1)) * strength * _fade(footprint)
 
 
 def _rectified(d: NDArray[np.float64], k_b: NDArray[np.float64], fraction: NDArray[np.float64]) -> NDArray[np.float64]:
     """k, linear along the segment (5.1): of the two alternatives the nearer to the interpolated one."""
-    alternatives = 0.5 * np.sign(k_b)[:, None] - np.sign(d) * (fraction - 0.5)
-    error = np.abs(alternatives - k_b[:, None])
+    magnitude = np.abs(k_b)
+    alternatives = np.where(d * k_b[:, None] > 0, 1 - fraction, fraction)
+    error = np.abs(alternatives - magnitude[:, None])
     nearer = np.where(error[:, 0] < error[:, 1], alternatives[:, 0], alternatives[:, 1])
-    return np.where((d[:, 0] != 0) & (d[:, 1] != 0) & (k_b != 0), nearer, k_b)
+    means_something = np.min(np.abs(d), axis=1) * magnitude > _ZERO
+    return np.where(means_something, np.copysign(nearer, k_b), k_b)
 
 
 def _fade(footprint: NDArray[np.float64]) -> NDArray[np.float64]:
