@@ -62,9 +62,8 @@ def _divided(premultiplied: NDArray[np.float32], covered: NDArray[np.float32]) -
 
 def _halved(plane: NDArray[np.float32]) -> NDArray[np.float32]:
     height, width = plane.shape[:2]
-    if height % 2 or width % 2:
-        plane = cv2.copyMakeBorder(plane, 0, height % 2, 0, width % 2, cv2.BORDER_REPLICATE)
-    return cv2.resize(plane, (-(-width // 2), -(-height // 2)), interpolation=cv2.INTER_AREA)
+    even = cv2.copyMakeBorder(plane, 0, height % 2, 0, width % 2, cv2.BORDER_REPLICATE)
+    return cv2.resize(even, (-(-width // 2), -(-height // 2)), interpolation=cv2.INTER_AREA)
 
 
 def _blend(own: NDArray[np.float32], coarse: NDArray[np.float32], weight: NDArray[np.float32]) -> NDArray[np.float32]:

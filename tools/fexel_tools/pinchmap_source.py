@@ -27,11 +27,11 @@ import OpenImageIO as oiio
 from numpy.typing import NDArray
 
 from fexel.errors import FexelError, FexelWarning
-from fexel.images import read_mask
 from fexel_tools.color_bleed import bleed_color
 from fexel_tools.photo_color import decode_srgb_uint8, to_linear_rec709
 from fexel_tools.photos import Photo, probe_photo, read_stored_pixels, upright
-from fexel_tools.pinchmap_regions import RegionSides, region_sides
+from fexel_tools.pinchmap_labels import find_labels, stretched_side
+from fexel_tools.pinchmap_regions import RegionSides, label_sides, region_sides
 from fexel_tools.vector_image import is_vector_image, rasterize
 
 __all__ = ["LONGEST_SIDE_PX", "PinchmapSource", "load_source"]
@@ -39,6 +39,7 @@ __all__ = ["LONGEST_SIDE_PX", "PinchmapSource", "load_source"]
 LONGEST_SIDE_PX = 4096
 _DRAWING_SIDE_PX = 1024  # of an SVG, at least
 _PIXELS_PER_TEXEL = 16  # of an SVG: with anti-aliasing a boundary is known to 1/200 texel, what 8 bits of gamma resolve
+_MOST_COLORS = 64
 _STRIP_ROWS = 512  # of a large source, reduced at a time
 
 
@@ -91,12 +92,15 @@ def load_source(
         Texels of the pinchmap to be made; only the larger matters. An SVG is drawn with 16 pixels a texel, at least
         1024 and at most `LONGEST_SIDE_PX` on its longer side.
     regions : str, optional
-        ``auto``, a number, or an image of labels: sides from regions, see `pinchmap_regions`. Without, the side is the
-        alpha.
+        ``auto``, or a number of colours: sides from regions of the picture, see `pinchmap_regions`; or an image, as
+        `mask`. Without either, the side is the alpha.
     mask : str or Path, optional
-        The side itself: an image of any size, whose first channel, stored values, is above half on one side.
+        An image of any size that tells the side by its alpha or its first channel, or holds labels of regions, see
+        `pinchmap_labels`.
     raw : bool
         The picture is data (a normal map): values as stored.
+    seed : int
+        Of what is drawn at random in finding regions.
 
     Raises
     ------
@@ -114,44 +118,60 @@ def load_source(
         raise FexelError(f"{path}: both a mask and regions say which side a pixel is on, expected one of the two")
     color, alpha, bits = _load_drawing(path, size, raw) if is_vector_image(path) else _load_image(path, raw)
     opacity = np.ones(color.shape[:2], np.float32) if alpha is None else alpha
-    if mask is not None:
-        side = read_mask(str(mask), (color.shape[1], color.shape[0]))
-        _check_sides(Path(mask), side, "the mask")
-    elif regions is not None:
-        return _from_regions(path, color, opacity, regions, raw, bits, seed)
-    else:
-        side = _alpha_side(path, alpha)
-    return PinchmapSource(path, bleed_color(color, opacity), opacity, side, raw, bits)
-
-
-def _from_regions(
-    path: Path,
-    color: NDArray[np.float32],
-    opacity: NDArray[np.float32],
-    regions: str,
-    raw: bool,
-    bits: int,
-    seed: int,
-) -> PinchmapSource:
+    if mask is None and regions is None:
+        _check_alpha(path, alpha)
+        return PinchmapSource(path, bleed_color(color, opacity), opacity, opacity, raw, bits)
     color = bleed_color(color, opacity)
-    found = region_sides(color, opacity, colors=None if regions == "auto" else int(regions), is_data=raw, seed=seed)
-    return PinchmapSource(path, color, opacity, found.side, raw, bits, found)
+    found = _find_sides(path, color, opacity, str(regions or mask), raw, seed)
+    side = found.side if isinstance(found, RegionSides) else found
+    return PinchmapSource(path, color, opacity, side, raw, bits, found if isinstance(found, RegionSides) else None)
 
 
-def _alpha_side(path: Path, alpha: NDArray[np.float32] | None) -> NDArray[np.float32]:
+def _find_sides(
+    path: Path, color: NDArray[np.float32], opacity: NDArray[np.float32], regions: str, raw: bool, seed: int
+) -> RegionSides | NDArray[np.float32]:
+    """From regions of the picture, or from a file."""
+    if regions == "auto" or regions.isdigit():
+        if regions != "auto" and not 2 <= int(regions) <= _MOST_COLORS:
+            raise FexelError(f"{path}: {regions} regions, expected auto, 2 to {_MOST_COLORS} colours, or an image")
+        found = region_sides(color, opacity, colors=int(regions) if regions != "auto" else None, is_data=raw, seed=seed)
+        if not (found.side > 0.5).any():
+            raise FexelError(f"{path}: no boundary that is worth a discontinuity was found; pass a mask")
+        return found
+    values, alpha, _ = _load_image(Path(regions), raw=True)
+    labels = find_labels(values)
+    if labels is not None:
+        return label_sides(labels, color, opacity, is_data=raw, seed=seed)
+    by_alpha = alpha is not None and alpha.min() <= 0.5 < alpha.max()
+    side = stretched_side(np.clip(alpha if by_alpha else values[..., 0], 0, 1))
+    _check_sides(Path(regions), side)
+    return _resampled(side, opacity.shape)
+
+
+def _resampled(side: NDArray[np.float32], shape: tuple[int, int]) -> NDArray[np.float32]:
+    if side.shape == shape:
+        return np.ascontiguousarray(side)
+    interpolation = cv2.INTER_AREA if side.shape[0] > shape[0] else cv2.INTER_LINEAR
+    return cv2.resize(side, shape[::-1], interpolation=interpolation)
+
+
+def _check_alpha(path: Path, alpha: NDArray[np.float32] | None) -> None:
     if alpha is None:
         raise FexelError(f"{path}: has no alpha to tell the sides by; pass --regions auto, or a mask")
-    _check_sides(path, alpha, "alpha")
-    return alpha
+    least, most = float(alpha.min()), float(alpha.max())
+    if not least <= 0.5 < most:
+        remedy = "pass --regions auto, or a mask"
+        raise FexelError(f"{path}: alpha is {_span(least, most)}, so that all pixels are on one side; {remedy}")
 
 
-def _check_sides(path: Path, side: NDArray[np.float32], name: str) -> None:
+def _check_sides(path: Path, side: NDArray[np.float32]) -> None:
     least, most = float(side.min()), float(side.max())
-    if least <= 0.5 < most:
-        return
-    found = f"{least:.3g} everywhere" if least == most else f"between {least:.3g} and {most:.3g}"
-    remedy = "pass --regions auto, or a mask" if name == "alpha" else "expected both sides of 0.5"
-    raise FexelError(f"{path}: {name} is {found}, so that all pixels are on one side; {remedy}")
+    if not least <= 0.5 < most:
+        raise FexelError(f"{path}: the side is {_span(least, most)}, expected values on both sides of 0.5")
+
+
+def _span(least: float, most: float) -> str:
+    return f"{least:.3g} everywhere" if least == most else f"between {least:.3g} and {most:.3g}"
 
 
 def _load_drawing(
@@ -245,14 +265,12 @@ def _reduced(
     if alpha is None:
         return _area_mean(color, factor), None
     opacity = _area_mean(alpha, factor)
-    color = _area_mean(color * alpha[..., None], factor) / np.maximum(opacity, 1e-6)[..., None]  # guards transparent
-    return color, opacity
+    premultiplied = _area_mean(color * alpha[..., None], factor)
+    return premultiplied / np.maximum(opacity, np.float32(1e-6))[..., None], opacity  # 1e-6 guards transparent pixels
 
 
 def _area_mean(plane: NDArray[np.float32], factor: int) -> NDArray[np.float32]:
     height, width = plane.shape[:2]
-    pad = (-height % factor, -width % factor)
-    if any(pad):
-        plane = cv2.copyMakeBorder(plane, 0, pad[0], 0, pad[1], cv2.BORDER_REPLICATE)
-    size = (plane.shape[1] // factor, plane.shape[0] // factor)
-    return cv2.resize(plane, size, interpolation=cv2.INTER_AREA)
+    whole = cv2.copyMakeBorder(plane, 0, -height % factor, 0, -width % factor, cv2.BORDER_REPLICATE)
+    size = (whole.shape[1] // factor, whole.shape[0] // factor)
+    return cv2.resize(whole, size, interpolation=cv2.INTER_AREA)
