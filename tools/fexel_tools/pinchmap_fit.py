@@ -23,8 +23,8 @@ from fexel.errors import FexelError
 from fexel_tools.pinchmap_gamma import Lattice, cell_errors, lattice_of
 from fexel_tools.pinchmap_legal import legalise, update_active
 from fexel_tools.pinchmap_mask import channels, violations
-from fexel_tools.pinchmap_search import clip_levels, costs_of_turning, search, sweep, sweep_freely
-from fexel_tools.pinchmap_start import boundary_points, least_squares_levels, source_levels
+from fexel_tools.pinchmap_search import clip_levels, costs_of_turning, exchange, search, sweep, sweep_freely
+from fexel_tools.pinchmap_start import boundary_points, least_squares_levels, reweighted_levels, source_levels
 
 __all__ = ["Fault", "PinchmapFit", "fit"]
 
@@ -117,7 +117,7 @@ def fit(
     unit = _UNITS[bits]
     image, scaled = _at_working_size(side, shape, full)
     lattice = lattice_of((image > 0.5).astype(np.uint8), shape, repeat, scaled)
-    if not ((lattice.start >= 0).any() or len(np.unique(lattice.start)) > 1):
+    if lattice.ones.sum() in (0, lattice.pixels.sum()):
         mask = np.full(shape, bool(lattice.ones.any()))
         levels = np.where(mask, 1.0, -1.0)
     else:
@@ -153,7 +153,7 @@ def _solve(image, lattice: Lattice, shape, repeat, window, unit: float, seed: in
     plus &= locked == 0
     distance = source_levels(points, len(points), plus, repeat[1], repeat[0])
     low, high = np.where(plus, 0.01, -1.0), np.where(plus, 1.0, -0.01)
-    pixel = 1 / max(lattice.width, lattice.height)
+    pixel = max(shape[1] / (window[2] - window[0]), shape[0] / (window[3] - window[1]))
     levels = least_squares_levels(points, distance, low, high, repeat, pixel)
     errors = np.zeros(shape, np.int64)
     cell_errors(lattice, levels, errors)
@@ -162,17 +162,29 @@ def _solve(image, lattice: Lattice, shape, repeat, window, unit: float, seed: in
     mask = _legal_mask(lattice, levels, errors, distance, locked, repeat, seed)
     cells, active = mask.astype(np.uint8), np.empty(shape, np.uint8)
     update_active(cells, active, 0, 0, *shape, repeat[1], repeat[0])
-    levels = np.rint(levels / unit) * unit
+    coarse = unit * 2.0 ** max(round(np.log2(0.0625 / unit)), 0)
     clip_levels(cells, active, levels, unit)
     cell_errors(lattice, levels, errors)
-    coarse = unit * 2.0 ** max(round(np.log2(0.0625 / unit)), 0)
     for _ in range(2):
-        sweep(lattice, cells, active, levels, errors, unit, coarse, unit)
-    search(lattice, cells, active, levels, errors, locked, unit, coarse, TRIALS, SHARE, seed)
+        sweep(lattice, cells, active, levels, errors, unit, coarse)
+    low = np.where(active, unit - 1, np.where(cells, unit, unit - 2))
+    high = np.where(active, 1 - unit, np.where(cells, 2 - unit, -unit))
+    other_errors = np.empty_like(errors)
+    for nearest, farthest in ROUNDS:
+        other = reweighted_levels(points, levels, low, high, repeat, nearest * pixel, farthest * pixel)
+        clip_levels(cells, active, other, unit)
+        cell_errors(lattice, other, other_errors)
+        sweep(lattice, cells, active, other, other_errors, unit, coarse)
+        for size in (4, 2):
+            exchange(lattice, levels, errors, other, size)
+    trials = int(TRIALS * (errors > 0).sum())
+    search(lattice, cells, active, levels, errors, locked, unit, coarse, trials, SHARE, seed)
     return levels, cells.astype(bool)
 
 
-TRIALS, SHARE = 2000, 0.3
+ROUNDS = ((0.2, 3.0), (0.5, 1.5), (0.2, 1.5), (1.0, 3.0), (0.1, 1.0))
+RESTARTS, PER_PLACE = 3, 300
+TRIALS, SHARE = 8, 0.2
 
 
 def _locked(size, shape, window):
@@ -190,17 +202,21 @@ def _locked(size, shape, window):
 
 
 def _legal_mask(lattice: Lattice, levels, errors, distance, locked, repeat, seed):
-    area = np.diff(lattice.rows)[:, None] * np.diff(lattice.columns)
-    mask = 2 * lattice.ones > area
+    area = lattice.pixels
+    mask = (2 * lattice.ones > area) & (locked == 0)
     turning = costs_of_turning(lattice, levels, errors)
     turning = np.where(np.abs(distance) < 1, turning, np.sign(distance) * 2 * area.max())
     wrap = ("repeat" if repeat[0] else "clamp", "repeat" if repeat[1] else "clamp")
-    wanted = (np.abs(distance) < 1) | (violations(mask, wrap) > 0)
-    near = cv2.dilate(wanted.astype(np.uint8), np.ones((3, 3), np.uint8))
+    broken = (violations(mask, wrap) > 0) | (turning * _inactive_side(mask, repeat) < 0)
+    near = cv2.dilate(broken.astype(np.uint8), np.ones((5, 5), np.uint8))
     places = np.argwhere(near)
     cost = 0.05 * (area - 2.0 * lattice.ones) + 1e3 * area.max() * locked
-    mask &= locked == 0
-    return legalise(mask, cost, turning, repeat, places, float(area.max()), 100 * len(places), seed)
+    return legalise(mask, cost, turning, repeat, places, float(area.max()), RESTARTS, PER_PLACE * len(places), seed)
+
+
+def _inactive_side(mask, repeat):
+    """1 or -1 at inactive texels, 0 at active ones."""
+    return channels(mask, ("repeat" if repeat[0] else "clamp", "repeat" if repeat[1] else "clamp"))[..., 2]
 
 
 def _side_at_texels(image, shape, window):

@@ -28,37 +28,46 @@ class Lattice(NamedTuple):
 
     Attributes
     ----------
-    rows, columns : (Nh + 1,) and (Nw + 1,) int32
-        First pixel row and column of every cell.
-    height, width : float
+    cells : (Nh, Nw, 5) int32
+        Of every cell: where its table begins, the table's length for one row of pixels (0: all rows have the same),
+        rows and columns of pixels, pixels on the + side.
+    table : (T,) int16
+        For a row of w pixels first the wrong ones if the leftmost m are - and the rest +, m from 0 to w, then those if
+        the leftmost m are + and the rest -.
+    share : (Nh, L) float64
+        Of every row of pixels in a cell its distance from the cell's upper side, in cells.
+    gap : (Nw,) float64
+        Distance of the centre of a cell's first pixel from its left side, in pixels.
+    width : float
         Of a cell, in pixels.
-    top, left : (Nh,) and (Nw,) float64
-        Distance of the centre of a cell's first pixel from its upper and left side, in pixels.
     above, right : (Nh,) and (Nw,) int64
         Texel row of a cell's upper corners, texel column of its right ones.
     repeat_t, repeat_s : bool
         Whether the lattice joins at the borders.
-    ones : (Nh, Nw) int32
-        Pixels on the + side.
-    start : (Nh, Nw) int64
-        Where a cell's table begins; -1: all its pixels are on the - side, -2: on the +.
-    table : (T,) int16
-        For each row of a mixed cell and m from 0 to its width, the wrong pixels if the first m are - and the rest +.
+    scratch : (L,) int32
+        Working memory: a lattice serves one thread at a time.
     """
 
-    rows: NDArray[np.int32]
-    columns: NDArray[np.int32]
-    height: float
+    cells: NDArray[np.int32]
+    table: NDArray[np.int16]
+    share: NDArray[np.float64]
+    gap: NDArray[np.float64]
     width: float
-    top: NDArray[np.float64]
-    left: NDArray[np.float64]
     above: NDArray[np.int64]
     right: NDArray[np.int64]
     repeat_t: bool
     repeat_s: bool
-    ones: NDArray[np.int32]
-    start: NDArray[np.int64]
-    table: NDArray[np.int16]
+    scratch: NDArray[np.int32]
+
+    @property
+    def pixels(self) -> NDArray[np.int32]:
+        """Pixels of every cell, (Nh, Nw)."""
+        return self.cells[..., 2] * self.cells[..., 3]
+
+    @property
+    def ones(self) -> NDArray[np.int32]:
+        """Pixels of every cell on the + side, (Nh, Nw)."""
+        return self.cells[..., 4]
 
 
 def lattice_of(
@@ -83,15 +92,16 @@ def lattice_of(
     nh, nw = shape
     left, top, right, bottom = window
     height, width = (bottom - top) / nh, (right - left) / nw
-    rows, top_gap = _split(plus.shape[0], top, height, nh)
-    columns, left_gap = _split(plus.shape[1], left, width, nw)
+    rows, first = _split(plus.shape[0], top, height, nh)
+    columns, gap = _split(plus.shape[1], left, width, nw)
     above, right_of = np.arange(nh) - 1, np.arange(nw) + 1
     above[0] = nh - 1 if repeat[1] else 0
     right_of[-1] = 0 if repeat[0] else nw - 1
-    ones, start, table = _tables(np.ascontiguousarray(plus), rows, columns)
-    return Lattice(
-        rows, columns, height, width, top_gap, left_gap, above, right_of, repeat[1], repeat[0], ones, start, table
-    )
+    cells, table = _tables(np.ascontiguousarray(plus), rows, columns)
+    most = max(int(np.diff(rows).max()), 1)
+    share = (first[:, None] + np.arange(most)) / height
+    scratch = np.zeros(most, np.int32)
+    return Lattice(cells, table, share, gap, width, above, right_of, repeat[1], repeat[0], scratch)
 
 
 def _split(pixels: int, origin: float, size: float, cells: int) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
@@ -104,74 +114,80 @@ def _split(pixels: int, origin: float, size: float, cells: int) -> tuple[NDArray
 @_compiled
 def _tables(plus, rows, columns):
     nh, nw = len(rows) - 1, len(columns) - 1
-    ones = np.zeros((nh, nw), np.int32)
-    start = np.empty((nh, nw), np.int64)
+    cells = np.zeros((nh, nw, 5), np.int32)
     size = 0
+    for c in range(nw):
+        size += 4 * (columns[c + 1] - columns[c] + 1)  # one row each for cells without and full of + pixels
     for r in range(nh):
         for y in range(rows[r], rows[r + 1]):
             for c in range(nw):
                 count = 0
                 for x in range(columns[c], columns[c + 1]):
                     count += plus[y, x]
-                ones[r, c] += count
-        height = rows[r + 1] - rows[r]
+                cells[r, c, 4] += count
+        uniform = 0
         for c in range(nw):
-            width = columns[c + 1] - columns[c]
-            if ones[r, c] == 0:
-                start[r, c] = -1
-            elif ones[r, c] == height * width:
-                start[r, c] = -2
+            height, width = rows[r + 1] - rows[r], columns[c + 1] - columns[c]
+            cells[r, c, 2], cells[r, c, 3] = height, width
+            if cells[r, c, 4] == 0:
+                cells[r, c, 0] = uniform
+            elif cells[r, c, 4] == height * width:
+                cells[r, c, 0] = uniform + 2 * (width + 1)
             else:
-                start[r, c] = size
-                size += height * (width + 1)
+                cells[r, c, 0], cells[r, c, 1] = size, 2 * (width + 1)
+                size += height * 2 * (width + 1)
+            uniform += 4 * (width + 1)
     table = np.empty(size, np.int16)
+    i = 0
+    for c in range(nw):
+        width = columns[c + 1] - columns[c]
+        for m in range(width + 1):
+            table[i + m] = table[i + 3 * (width + 1) + m] = width - m
+            table[i + width + 1 + m] = table[i + 2 * (width + 1) + m] = m
+        i += 4 * (width + 1)
     for r in range(nh):
         for c in range(nw):
-            i = start[r, c]
-            if i >= 0:
-                for y in range(rows[r], rows[r + 1]):
-                    wrong = 0
-                    for x in range(columns[c], columns[c + 1]):
-                        wrong += 1 - plus[y, x]
-                    table[i] = wrong
-                    i += 1
-                    for x in range(columns[c], columns[c + 1]):
-                        wrong += 2 * plus[y, x] - 1
-                        table[i] = wrong
-                        i += 1
-    return ones, start, table
+            if cells[r, c, 1] == 0:
+                continue
+            i, width = cells[r, c, 0], cells[r, c, 3]
+            for y in range(rows[r], rows[r + 1]):
+                wrong = 0
+                for x in range(columns[c], columns[c + 1]):
+                    wrong += 1 - plus[y, x]
+                for m in range(width + 1):
+                    table[i + m] = wrong
+                    table[i + width + 1 + m] = width - wrong
+                    if m < width:
+                        wrong += 2 * plus[y, columns[c] + m] - 1
+                i += 2 * (width + 1)
+    return cells, table
 
 
-@_compiled
-def _cell_error(m, r, c, tl, tr, bl, br):
+@numba.njit(inline="always")
+def _cell_error(cells, table, shares, gaps, width, found, r, c, tl, tr, bl, br):
     """Wrong pixels of a cell whose corners have these levels (top left, top right, bottom left, bottom right)."""
-    height = m.rows[r + 1] - m.rows[r]
-    width = m.columns[c + 1] - m.columns[c]
+    height, columns = cells[r, c, 2], cells[r, c, 3]
     if tl > 0 and tr > 0 and bl > 0 and br > 0:
-        return height * width - m.ones[r, c]
-    if tl <= 0 and tr <= 0 and bl <= 0 and br <= 0:
-        return m.ones[r, c]
-    shift = m.left[c]
-    i = m.start[r, c]
-    error = 0
-    for j in range(height):
-        v = (m.top[r] + j) / m.height
-        left, right = tl + v * (bl - tl), tr + v * (br - tr)
-        minus = 0 if left > 0 else width  # pixels on the - side; on the line itself counts as -
-        if (left > 0) != (right > 0):
-            x = left / (left - right) * m.width - shift
-            first = min(max(int(x + 1.0) if left <= 0 else int(np.ceil(x)), 0), width)
-            minus = first if left <= 0 else width - first
-            if i >= 0:
-                error += m.table[i + first] if left <= 0 else width - m.table[i + first]
-        elif i >= 0:
-            error += m.table[i + minus]
-        if i >= 0:
-            i += width + 1
-        else:
-            error += minus
-    if i == -1:
-        return height * width - error
+        error = np.int64(height * columns - cells[r, c, 4])
+    elif tl <= 0 and tr <= 0 and bl <= 0 and br <= 0:
+        error = np.int64(cells[r, c, 4])
+    else:
+        share, gap = shares[r], gaps[c]
+        left_slope, right_slope, most, flip = bl - tl, br - tr, float(columns), columns + 1.0
+        for j in range(height):  # written for the vectoriser: no branches, no calls
+            left, right = tl + share[j] * left_slope, tr + share[j] * right_slope
+            # A pixel on the line itself counts as -; 1e-9 rounds a pixel in that case to the other side than 1 does.
+            x = left / (left - right) * width - gap + (1.0 if left <= 0 else 1.0 - 1e-9)
+            x = x if x > 0 else 0.0
+            x = x if x < most else most
+            x = x if left <= 0 else x + flip
+            both = most if left <= 0 else 0.0
+            found[j] = np.int32(x if (left > 0) != (right > 0) else both)
+        i, stride = cells[r, c, 0], cells[r, c, 1]
+        error = np.int64(0)
+        for j in range(height):
+            error += table[i + found[j]]
+            i += stride
     return error
 
 
@@ -179,7 +195,7 @@ def _cell_error(m, r, c, tl, tr, bl, br):
 def refresh(m, g, r, c, errors):
     """Recompute the error of cell [r, c] in place."""
     a, d = m.above[r], m.right[c]
-    errors[r, c] = _cell_error(m, r, c, g[a, c], g[a, d], g[r, c], g[r, d])
+    errors[r, c] = _cell_error(m.cells, m.table, m.share, m.gap, m.width, m.scratch, r, c, g[a, c], g[a, d], g[r, c], g[r, d])
 
 
 @_compiled
@@ -221,7 +237,7 @@ def _trial(m, g, cells, n, trial, limit):
     for i in range(n):
         r, c = cells[i, 0], cells[i, 1]
         a, d = m.above[r], m.right[c]
-        trial[i] = _cell_error(m, r, c, g[a, c], g[a, d], g[r, c], g[r, d])
+        trial[i] = _cell_error(m.cells, m.table, m.share, m.gap, m.width, m.scratch, r, c, g[a, c], g[a, d], g[r, c], g[r, d])
         total += trial[i]
         if total > limit:
             return total
@@ -229,34 +245,34 @@ def _trial(m, g, cells, n, trial, limit):
 
 
 @_compiled
-def descend(m, g, errors, r, c, low, high, step, least):
+def descend(m, g, errors, r, c, low, high, step, least, cells, trial):
     """Move the level of texel [r, c] within [low, high] while its cells' error falls, by steps halved down to `least`.
 
-    `errors` must be current and stays so. Returns the gain in pixels.
+    `errors` must be current and stays so; `cells` (4, 2) and `trial` (4,) int64 are working memory. Returns the gain in
+    pixels.
     """
-    cells = np.empty((4, 2), np.int64)
     n = cells_of(m, r, c, g.shape, cells)
     best = 0
     for i in range(n):
         best += errors[cells[i, 0], cells[i, 1]]
     before = best
-    trial = np.empty(4, np.int64)
+    direction = 1.0
     while step >= least and best > 0:
         here = g[r, c]
         moved = False
-        for direction in (1.0, -1.0):
+        for _ in range(2):
             there = min(max(here + direction * step, low), high)
-            if there == here:
-                continue
-            g[r, c] = there
-            total = _trial(m, g, cells, n, trial, best)
-            if total < best:
-                best = total
-                for i in range(n):
-                    errors[cells[i, 0], cells[i, 1]] = trial[i]
-                moved = True
-                break
-            g[r, c] = here
+            if there != here:
+                g[r, c] = there
+                total = _trial(m, g, cells, n, trial, best - 1)
+                if total < best:
+                    best = total
+                    for i in range(n):
+                        errors[cells[i, 0], cells[i, 1]] = trial[i]
+                    moved = True
+                    break
+                g[r, c] = here
+            direction = -direction
         if not moved:
             step *= 0.5
     return before - best

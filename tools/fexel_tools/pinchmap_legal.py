@@ -12,7 +12,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["broken_near", "legalise", "update_active"]
+__all__ = ["broken_near", "legalise", "random", "update_active"]
 
 _compiled = numba.njit(cache=True, nogil=True, error_model="numpy")
 
@@ -22,10 +22,11 @@ def legalise(
     cell_cost: NDArray[np.float64],
     texel_cost: NDArray[np.float64],
     repeat: tuple[bool, bool],
-    places=None,
-    unit=1.0,
-    trials=0,
-    seed=0,
+    places: NDArray[np.int64],
+    unit: float,
+    restarts: int,
+    trials: int,
+    seed: int,
 ) -> NDArray[np.bool_]:
     """A legal mask of low cost.
 
@@ -40,17 +41,43 @@ def legalise(
         is on the + side.
     repeat : (bool, bool)
         Along s and t: whether the map repeats.
+    places : (P, 2) int64
+        Cells that annealing may change.
+    unit : float
+        Typical cost: pixels of a cell.
+    restarts, trials : int
+        Annealing runs, of which the best is taken, and moves in each.
+    seed : int
     """
-    cells = np.ascontiguousarray(mask, np.uint8)
-    active = np.empty_like(cells)
-    update_active(cells, active, 0, 0, cells.shape[0], cells.shape[1], repeat[1], repeat[0])
-    scale = max(float(np.abs(texel_cost).max(initial=0.0)), float(np.abs(cell_cost).max(initial=0.0)), 1.0)
-    if trials:
-        _anneal(cells, active, cell_cost, texel_cost, places, unit, trials, repeat[1], repeat[0], seed)
-    for penalty in (0.25 * scale, scale, 4 * scale, 1e9 * scale):
-        _improve(cells, active, cell_cost, texel_cost, penalty, repeat[1], repeat[0], 8)
-    _force(cells, active, cell_cost, texel_cost, repeat[1], repeat[0])
-    return cells.astype(bool)
+    best, least = None, np.inf
+    top = max(float(np.abs(texel_cost).max(initial=0.0)), float(np.abs(cell_cost).max(initial=0.0)), unit)
+    for run in range(restarts if len(places) else 1):
+        cells = np.ascontiguousarray(mask, np.uint8)
+        active = np.empty_like(cells)
+        update_active(cells, active, 0, 0, *cells.shape, repeat[1], repeat[0])
+        if len(places):
+            _anneal(
+                cells, active, cell_cost, texel_cost, places, unit, trials, repeat[1], repeat[0], seed * restarts + run
+            )
+        for penalty in (unit, 4 * unit, 1e9 * top):
+            _improve(cells, active, cell_cost, texel_cost, penalty, repeat[1], repeat[0], 8)
+        _force(cells, active, cell_cost, repeat[1], repeat[0])
+        cost = _total_cost(cells, active, cell_cost, texel_cost)
+        if cost < least:
+            best, least = cells, cost
+    return np.asarray(best, bool)
+
+
+@_compiled
+def _total_cost(mask, active, cell_cost, texel_cost):
+    cost = 0.0
+    for r in range(mask.shape[0]):
+        for c in range(mask.shape[1]):
+            if mask[r, c]:
+                cost += cell_cost[r, c]
+            if not active[r, c]:
+                cost += max(-texel_cost[r, c], 0.0) if mask[r, c] else max(texel_cost[r, c], 0.0)
+    return cost
 
 
 @_compiled
@@ -195,7 +222,7 @@ def _best_move(mask, active, cell_cost, texel_cost, penalty, r, c, largest, repe
 
 
 @_compiled
-def _random(state):
+def random(state):
     """Uniform in [0, 1); Marsaglia's xorshift64 (2003)."""
     x = state[0]
     x ^= x << np.uint64(13)
@@ -215,10 +242,10 @@ def _anneal(mask, active, cell_cost, texel_cost, places, unit, trials, repeat_t,
         progress = trial / trials
         heat = unit * 0.3 * 0.01**progress
         penalty = unit * (0.5 + 2 * progress)
-        place = int(_random(state) * len(places))
-        height, width = 1 + int(_random(state) * 2), 1 + int(_random(state) * 2)
-        r0 = places[place, 0] - int(_random(state) * height)
-        c0 = places[place, 1] - int(_random(state) * width)
+        place = int(random(state) * len(places))
+        height, width = 1 + int(random(state) * 2), 1 + int(random(state) * 2)
+        r0 = places[place, 0] - int(random(state) * height)
+        c0 = places[place, 1] - int(random(state) * width)
         if not repeat_t:
             r0 = min(max(r0, 0), nh - height)
         if not repeat_s:
@@ -230,7 +257,7 @@ def _anneal(mask, active, cell_cost, texel_cost, places, unit, trials, repeat_t,
                 saved[i, j] = mask[_row(r0 + i, nh, repeat_t), _row(c0 + j, nw, repeat_s)]
         _set(mask, active, r0, c0, height, width, side, repeat_t, repeat_s)
         after = _cost_near(mask, active, cell_cost, texel_cost, penalty, r0, c0, height, width, repeat_t, repeat_s)
-        if after > before and _random(state) >= np.exp((before - after) / heat):
+        if after > before and random(state) >= np.exp((before - after) / heat):
             for i in range(height):
                 for j in range(width):
                     mask[_row(r0 + i, nh, repeat_t), _row(c0 + j, nw, repeat_s)] = saved[i, j]
@@ -254,7 +281,7 @@ def _improve(mask, active, cell_cost, texel_cost, penalty, repeat_t, repeat_s, p
 
 
 @_compiled
-def _force(mask, active, cell_cost, texel_cost, repeat_t, repeat_s):
+def _force(mask, active, cell_cost, repeat_t, repeat_s):
     """Set ever larger squares about what is still broken to the side that costs less, until nothing is."""
     nh, nw = mask.shape
     size = 2

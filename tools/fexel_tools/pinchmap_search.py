@@ -1,7 +1,7 @@
 """Local search of a pinchmap's levels and mask together on the exact error, compiled.
 
 One trial disturbs the levels of 2 x 2 texels, or sets a small rectangle of cells to one side where the mask stays legal,
-descends the 16 texels around it one by one, and keeps the result if fewer pixels are wrong (after Tarini and Cignoni
+descends the texels around it one by one, and keeps the result unless more pixels are wrong (after Tarini and Cignoni
 2005, section 7.2 step 4, who do so at constant mask). Trials go where the error is. A level is g = k - gamma, so that
 an active texel takes |g| < 1, an inactive one the sign of its side and |g| < 2.
 """
@@ -12,11 +12,12 @@ import numba
 import numpy as np
 
 from fexel_tools.pinchmap_gamma import cell_errors, cells_of, descend, refresh
-from fexel_tools.pinchmap_legal import broken_near, update_active
+from fexel_tools.pinchmap_legal import broken_near, random, update_active
 
-__all__ = ["clip_levels", "costs_of_turning", "search", "sweep", "sweep_freely"]
+__all__ = ["clip_levels", "costs_of_turning", "exchange", "search", "sweep", "sweep_freely"]
 
 _compiled = numba.njit(cache=True, nogil=True, error_model="numpy")
+_PASSES = 3  # of descent after a disturbance; texels whose neighbours have not changed are left out
 
 
 @_compiled
@@ -31,31 +32,33 @@ def _limits(mask, active, r, c, unit):
 
 @_compiled
 def clip_levels(mask, active, g, unit):
-    """Bring every level within the limits that the mask sets."""
+    """Bring every level to the grid of `unit` and within the limits that the mask sets."""
     for r in range(g.shape[0]):
         for c in range(g.shape[1]):
             low, high = _limits(mask, active, r, c, unit)
-            g[r, c] = min(max(g[r, c], low), high)
+            g[r, c] = min(max(np.rint(g[r, c] / unit) * unit, low), high)
 
 
 @_compiled
-def sweep(m, mask, active, g, errors, unit, step, least):
+def sweep(m, mask, active, g, errors, unit, coarse):
     """Descend every texel at a cell with an error once; return the gain in pixels."""
+    cells, trial = np.empty((4, 2), np.int64), np.empty(4, np.int64)
     gain = 0
     for r in range(g.shape[0]):
         for c in range(g.shape[1]):
             low, high = _limits(mask, active, r, c, unit)
-            gain += descend(m, g, errors, r, c, low, high, step, least)
+            gain += descend(m, g, errors, r, c, low, high, coarse, unit, cells, trial)
     return gain
 
 
 @_compiled
 def sweep_freely(m, g, errors, step, least):
     """As :func:`sweep` for a map without a mask: every level may take either sign, up to 1."""
+    cells, trial = np.empty((4, 2), np.int64), np.empty(4, np.int64)
     gain = 0
     for r in range(g.shape[0]):
         for c in range(g.shape[1]):
-            gain += descend(m, g, errors, r, c, -1.0, 1.0, step, least)
+            gain += descend(m, g, errors, r, c, -1.0, 1.0, step, least, cells, trial)
     return gain
 
 
@@ -87,14 +90,45 @@ def costs_of_turning(m, g, errors):
 
 
 @_compiled
-def _random(state):
-    """Uniform in [0, 1); Marsaglia's xorshift64 (2003)."""
-    x = state[0]
-    x ^= x << np.uint64(13)
-    x ^= x >> np.uint64(7)
-    x ^= x << np.uint64(17)
-    state[0] = x
-    return (x >> np.uint64(11)) * (1.0 / 9007199254740992.0)
+def exchange(m, g, errors, other, size):
+    """Take blocks of `size` x `size` levels from another map of the same mask where that lowers the error.
+
+    Blocks do not cross the border.
+    """
+    nh, nw = g.shape
+    saved_g, saved_errors = np.empty((size, size)), np.empty((size + 1, size + 1), errors.dtype)
+    for r in range(nh - size + 1):
+        last, lower = min(r + size + 1, nh), r
+        for c in range(nw - size + 1):
+            first = max(c - 1, 0)
+            before, differs = 0, False
+            for i in range(size):
+                for j in range(size):
+                    differs = differs or g[r + i, c + j] != other[r + i, c + j]
+            if differs:
+                for i in range(lower, last):
+                    for j in range(first, c + size):
+                        before += errors[i, j]
+                        saved_errors[i - lower, j - first] = errors[i, j]
+            if before == 0:
+                continue
+            for i in range(size):
+                for j in range(size):
+                    saved_g[i, j] = g[r + i, c + j]
+                    g[r + i, c + j] = other[r + i, c + j]
+            after = 0
+            for i in range(lower, last):
+                for j in range(first, c + size):
+                    if after < before:
+                        refresh(m, g, i, j, errors)
+                        after += errors[i, j]
+            if after >= before:
+                for i in range(size):
+                    for j in range(size):
+                        g[r + i, c + j] = saved_g[i, j]
+                for i in range(lower, last):
+                    for j in range(first, c + size):
+                        errors[i, j] = saved_errors[i - lower, j - first]
 
 
 @_compiled
@@ -108,23 +142,20 @@ def _wrapped(i, n, repeat):
 
 
 @_compiled
-def _pick(weights, total, state):
-    """Index into the cumulative weights, by their share."""
-    return np.searchsorted(weights, _random(state) * total, side="right")
-
-
-@_compiled
 def search(m, mask, active, g, errors, locked, unit, coarse, trials, mask_share, seed):
     """Run so many trials; `mask`, `active`, `g` and `errors` are kept current. Returns the wrong pixels left.
 
-    Levels stay on the grid of `unit`; `coarse`, a power of two times `unit`, is the first step of a descent.
+    Levels stay on the grid of `unit`; `coarse`, a power of two times `unit`, is the first step of a descent. `locked`
+    (Nh, Nw) marks cells whose side is given.
     """
     nh, nw = g.shape
     state = np.array([seed * 2 + 0x9E3779B97F4A7C15], np.uint64)
     weights = np.empty(nh * nw)
-    saved_g, saved_mask, saved_errors = np.empty((8, 8)), np.empty((8, 8), mask.dtype), np.empty((8, 8), errors.dtype)
-    saved_active = np.empty((8, 8), active.dtype)
+    saved_g, saved_errors = np.empty((7, 7)), np.empty((7, 7), errors.dtype)
+    saved_mask, saved_active = np.empty((7, 7), mask.dtype), np.empty((7, 7), active.dtype)
+    cells, each, stale = np.empty((4, 2), np.int64), np.empty(4, np.int64), np.empty((8, 8), np.uint8)
     total = cell_errors(m, g, errors)
+    weight = 0.0
     for trial in range(trials):
         if trial % 64 == 0:
             weight = 0.0
@@ -133,65 +164,64 @@ def search(m, mask, active, g, errors, locked, unit, coarse, trials, mask_share,
                 weights[i] = weight
             if weight == 0:
                 return total
-        cell = min(_pick(weights, weight, state), nh * nw - 1)
+        cell = min(np.searchsorted(weights, random(state) * weight, side="right"), nh * nw - 1)
         r, c = cell // nw, cell % nw
-        # The cells and texels [r - 3, r + 5) x [c - 3, c + 5) are all that a trial can change.
+        # The cells and texels [r - 3, r + 4) x [c - 3, c + 4) are all that a trial can change.
         before = 0
-        for i in range(8):
+        for i in range(7):
             row = _wrapped(r - 3 + i, nh, m.repeat_t)
-            for j in range(8):
+            for j in range(7):
                 column = _wrapped(c - 3 + j, nw, m.repeat_s)
                 if row >= 0 and column >= 0:
                     saved_g[i, j], saved_mask[i, j] = g[row, column], mask[row, column]
                     saved_errors[i, j], saved_active[i, j] = errors[row, column], active[row, column]
                     before += errors[row, column]
-        legal = True
-        if _random(state) < mask_share:
-            legal = _change_mask(m, mask, active, g, locked, r, c, unit, state)
+        good = True
+        if random(state) < mask_share:
+            good = _change_mask(m, mask, active, g, locked, r, c, unit, state)
         else:
             _disturb(m, mask, active, g, r, c, unit, state)
-        if legal:
-            after = _settle(m, mask, active, g, errors, r, c, unit, coarse)
-        if legal and after <= before:
-            total += after - before
-            continue
-        for i in range(8):
-            row = _wrapped(r - 3 + i, nh, m.repeat_t)
-            for j in range(8):
-                column = _wrapped(c - 3 + j, nw, m.repeat_s)
-                if row >= 0 and column >= 0:
-                    g[row, column], mask[row, column] = saved_g[i, j], saved_mask[i, j]
-                    errors[row, column], active[row, column] = saved_errors[i, j], saved_active[i, j]
+        if good:
+            after = _settle(m, mask, active, g, errors, r, c, unit, coarse, cells, each, stale)
+            good = after <= before
+            if good:
+                total += after - before
+        if not good:
+            for i in range(7):
+                row = _wrapped(r - 3 + i, nh, m.repeat_t)
+                for j in range(7):
+                    column = _wrapped(c - 3 + j, nw, m.repeat_s)
+                    if row >= 0 and column >= 0:
+                        g[row, column], mask[row, column] = saved_g[i, j], saved_mask[i, j]
+                        errors[row, column], active[row, column] = saved_errors[i, j], saved_active[i, j]
     return total
 
 
 @_compiled
 def _disturb(m, mask, active, g, r, c, unit, state):
     """Add noise to the levels of the four corners of cell [r, c]."""
-    nh, nw = g.shape
-    size = 0.5 * _random(state) ** 2
+    size = 0.5 * random(state) ** 2
     for i in range(2):
         row = m.above[r] if i == 0 else r
         for j in range(2):
             column = c if j == 0 else m.right[c]
             low, high = _limits(mask, active, row, column, unit)
-            g[row, column] = min(
-                max(g[row, column] + np.rint(size * (2 * _random(state) - 1) / unit) * unit, low), high
-            )
+            noise = np.rint(size * (2 * random(state) - 1) / unit) * unit
+            g[row, column] = min(max(g[row, column] + noise, low), high)
 
 
 @_compiled
 def _change_mask(m, mask, active, g, locked, r, c, unit, state):
-    """Set a rectangle of up to 2 x 2 cells at or beside cell [r, c] to one side; whether that is a legal change."""
+    """Set a rectangle of up to 2 x 2 cells that touches cell [r, c] to one side; whether that is a legal change."""
     nh, nw = mask.shape
-    height, width = 1 + int(_random(state) * 2), 1 + int(_random(state) * 2)
-    r0 = r - height + int(_random(state) * (height + 2))
-    c0 = c - width + int(_random(state) * (width + 2))
+    height, width = min(1 + int(random(state) * 2), nh), min(1 + int(random(state) * 2), nw)
+    r0 = r - height + int(random(state) * (height + 2))
+    c0 = c - width + int(random(state) * (width + 2))
     if not m.repeat_t:
         r0 = min(max(r0, 0), nh - height)
     if not m.repeat_s:
         c0 = min(max(c0, 0), nw - width)
-    side = 1 if _random(state) < 0.5 else 0
+    side = 1 if random(state) < 0.5 else 0
     changed = False
     for i in range(height):
         for j in range(width):
@@ -216,30 +246,41 @@ def _change_mask(m, mask, active, g, locked, r, c, unit, state):
 
 
 @_compiled
-def _settle(m, mask, active, g, errors, r, c, unit, coarse):
-    """Descend the texels around cell [r, c]; return the error of the cells [r - 3, r + 5) x [c - 3, c + 5)."""
+def _settle(m, mask, active, g, errors, r, c, unit, coarse, cells, each, stale):
+    """Descend the texels around cell [r, c]; return the error of the cells [r - 3, r + 4) x [c - 3, c + 4)."""
     nh, nw = g.shape
-    for i in range(-3, 5):
+    for i in range(-3, 4):
         row = _wrapped(r + i, nh, m.repeat_t)
-        for j in range(-3, 5):
+        for j in range(-3, 4):
             column = _wrapped(c + j, nw, m.repeat_s)
             if row >= 0 and column >= 0:
                 refresh(m, g, row, column, errors)
-    for turn in range(2):
+    stale[:] = 1
+    for _ in range(_PASSES):
         gain = 0
         for i in range(-2, 2):
             row = _wrapped(r + i, nh, m.repeat_t)
+            if row < 0:
+                continue
             for j in range(-1, 3):
                 column = _wrapped(c + j, nw, m.repeat_s)
-                if row >= 0 and column >= 0:
-                    low, high = _limits(mask, active, row, column, unit)
-                    gain += descend(m, g, errors, row, column, low, high, coarse, unit)
+                if column < 0 or not stale[i + 3, j + 2]:
+                    continue
+                stale[i + 3, j + 2] = 0
+                low, high = _limits(mask, active, row, column, unit)
+                won = descend(m, g, errors, row, column, low, high, coarse, unit, cells, each)
+                if won > 0:
+                    gain += won
+                    for a in range(3):
+                        for b in range(3):
+                            if a != 1 or b != 1:
+                                stale[i + 2 + a, j + 1 + b] = 1
         if gain == 0:
             break
     after = 0
-    for i in range(-3, 5):
+    for i in range(-3, 4):
         row = _wrapped(r + i, nh, m.repeat_t)
-        for j in range(-3, 5):
+        for j in range(-3, 4):
             column = _wrapped(c + j, nw, m.repeat_s)
             if row >= 0 and column >= 0:
                 after += errors[row, column]

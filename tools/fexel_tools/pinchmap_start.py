@@ -12,7 +12,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["boundary_points", "least_squares_levels", "source_levels"]
+__all__ = ["boundary_points", "least_squares_levels", "reweighted_levels", "source_levels"]
 
 _compiled = numba.njit(cache=True, nogil=True, error_model="numpy")
 _OVER_RELAXATION = 1.5
@@ -76,9 +76,33 @@ def least_squares_levels(
     normal, right_side = np.empty((*g.shape, 9)), np.empty_like(g)
     for turn in range(rounds):
         power = 2.0 if turn < 2 else 1.0
-        _assemble(points, g, repeat[1], repeat[0], 0.5 * pixel, power, normal, 1.0, right_side, levels)
+        _assemble(points, g, repeat[1], repeat[0], 0.5 * pixel, np.inf, power, normal, 1.0, right_side, levels)
         _relax(normal, right_side, g, low, high, repeat[1], repeat[0], _SWEEPS, _OVER_RELAXATION)
     return g
+
+
+def reweighted_levels(
+    points: NDArray[np.float64],
+    g: NDArray[np.float64],
+    low: NDArray[np.float64],
+    high: NDArray[np.float64],
+    repeat: tuple[bool, bool],
+    nearest: float,
+    farthest: float,
+) -> NDArray[np.float64]:
+    """One round of reweighting more, about levels that are nearly right.
+
+    Parameters
+    ----------
+    nearest, farthest : float
+        In cells: points nearer to the line than this weigh alike; points farther from it, which the map cannot reach,
+        do not count.
+    """
+    result = g.copy()
+    normal, right_side = np.empty((*g.shape, 9)), np.empty_like(g)
+    _assemble(points, g, repeat[1], repeat[0], nearest, farthest, 1.0, normal, 0.01, right_side, g)
+    _relax(normal, right_side, result, low, high, repeat[1], repeat[0], 20, 1.3)
+    return result
 
 
 @_compiled
@@ -160,7 +184,7 @@ def _texel(row, column, nh, nw, repeat_t, repeat_s):
 
 
 @_compiled
-def _assemble(points, g, repeat_t, repeat_s, nearest, power, normal, pull, right_side, target):
+def _assemble(points, g, repeat_t, repeat_s, nearest, farthest, power, normal, pull, right_side, target):
     """Normal equations as a stencil: [r, c, 3 (dr + 1) + dc + 1] couples texel [r, c] to [r + dr, c + dc]."""
     nh, nw = g.shape
     normal[:] = 0
@@ -184,6 +208,8 @@ def _assemble(points, g, repeat_t, repeat_s, nearest, power, normal, pull, right
         square = along_x * along_x + along_y * along_y + 1e-3  # 1e-3: a flat spot must not outweigh all else
         slope = np.sqrt(square)
         distance = abs(level) / slope
+        if distance > farthest:
+            continue
         weight = abs(along_x if points[i, 2] == 0 else along_y) / slope  # of arc length, shared by rows and columns
         weight /= square * max(distance, nearest) ** (2 - power)
         for j in range(4):
