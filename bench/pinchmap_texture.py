@@ -9,7 +9,6 @@ import OpenImageIO as oiio
 from pxr import Gf, Sdf, Usd
 
 import fexel
-from fexel.textures.pinchmap_twin import encode_texels
 from fexel_tools.pinchmap_mask import channels, is_legal
 
 __all__ = ["blob_mask", "define_pinchmap", "pinchmap_stage", "random_pinchmap", "save_texels", "two_sides"]
@@ -22,21 +21,24 @@ def save_texels(path: Path, texels: np.ndarray) -> str:
     spec.attribute("oiio:UnassociatedAlpha", 1)
     spec.attribute("oiio:ColorSpace", "raw")
     writer = oiio.ImageOutput.create(str(path))
-    assert writer.open(str(path), spec) and writer.write_image(np.ascontiguousarray(texels)), writer.geterror()
+    assert writer is not None and writer.open(str(path), spec), oiio.geterror()
+    assert writer.write_image(np.ascontiguousarray(texels)), writer.geterror()
     writer.close()
     return str(path)
 
 
 def blob_mask(rng: np.random.Generator, shape: tuple[int, int], wrap: tuple[str, str]) -> np.ndarray:
-    """A legal mask (Nh, Nw) of a few discs; tries until one is legal."""
+    """A legal mask (Nh, Nw) of two discs, anywhere and across the border along an axis that repeats."""
     height, width = shape
+    repeats = np.array([mode == "repeat" for mode in wrap[::-1]])
+    cells = np.stack(np.mgrid[:height, :width], -1) + 0.5
     for _ in range(2000):
-        row, column = np.mgrid[:height, :width] + 0.5
         mask = np.zeros(shape, bool)
         for _ in range(2):
-            center = rng.uniform(0.3, 0.7, 2) * shape
-            radius = rng.uniform(0.15, 0.3) * min(shape)
-            mask |= np.hypot(row - center[0], column - center[1]) < radius
+            center = np.where(repeats, rng.uniform(0, 1, 2), rng.uniform(0.3, 0.7, 2)) * shape
+            away = cells - center
+            away = np.where(repeats, away - np.round(away / shape) * shape, away)
+            mask |= np.hypot(away[..., 0], away[..., 1]) < rng.uniform(0.15, 0.3) * min(shape)
         if mask.any() and is_legal(mask, wrap):
             return mask
     raise AssertionError("no legal mask found")

@@ -107,8 +107,14 @@ vec4 pinchmap_record_sample(int record, vec2 st, vec2 dstdx, vec2 dstdy, out flo
     float footprint = exp2(width);
 
     vec4 sum = vec4(0.0);
+    // A transition is as wide as the share of the footprint that each probe covers.
+    vec2 ddx = dx;
+    vec2 ddy = dy;
 #if PINCHMAP_PROBES
     float weight = 1.0 / probes;
+    vec2 shorten = axes.majorDirection * ((1.0 - weight) / (axes.majorAxis * axes.majorAxis));
+    ddx -= dot(axes.majorDirection, dx) * shorten;
+    ddy -= dot(axes.majorDirection, dy) * shorten;
     float along = 0.5 * weight - 0.5;
     do {
         vec2 relative = middle + along * axes.majorDirection;
@@ -126,7 +132,7 @@ vec4 pinchmap_record_sample(int record, vec2 st, vec2 dstdx, vec2 dstdy, out flo
                                     pinchmap_record_texel(texelPlace + ivec2(1, 0), isFloat),
                                     pinchmap_record_texel(texelPlace + ivec2(0, -1), isFloat),
                                     pinchmap_record_texel(texelPlace + ivec2(1, -1), isFloat),
-                                    fraction, direction * dx, direction * dy, gradient);
+                                    fraction, direction * ddx, direction * ddy, gradient);
         vec2 offset = pinch_displace(texel, fraction, gradient, rowX.w, rowY.w, footprint);
         // Where the signal is clamped its own border decides, as far out as the place is.
         vec2 place = vec2(direction.x == 0.0 ? sizes.z + relative.x : cell.x + fraction.x,
@@ -136,7 +142,7 @@ vec4 pinchmap_record_sample(int record, vec2 st, vec2 dstdx, vec2 dstdy, out flo
         vec4 color = mix(pinchmap_level(fineLevel, place, size, isHalf), pinchmap_level(coarseLevel, place, size, isHalf),
                          used - float(fine));
 #if PINCHMAP_LINES
-        float coverage = pinch_line(texel, gradient, dx, dy, rowW.w, rowY.w);
+        float coverage = pinch_line(texel, fraction, gradient, dx, dy, rowW.w, rowY.w, footprint);
         bool inside = (wrap.x != PINCHMAP_BLACK || direction.x != 0.0) && (wrap.y != PINCHMAP_BLACK || direction.y != 0.0);
         color = pinchmap_over(color, record_fetch(record + 5), inside && rowW.w > 0.0 ? coverage : 0.0);
 #endif

@@ -72,6 +72,30 @@ vec4 zipmap_texel(vec2 texel, vec2 size, vec4 level, int pageClass)
     return result;
 }
 
+// A patch of another kind: kind number k is sampled by ZIPMAP_KIND<k>_SAMPLE(record, st, dstdx, dstdy, lod), with the same
+// local st as the zipmap; linear, premultiplied, transparent outside of the patch. Only kinds that are there are compiled.
+#if defined(ZIPMAP_KIND1_SAMPLE) || defined(ZIPMAP_KIND2_SAMPLE) || defined(ZIPMAP_KIND3_SAMPLE)
+#define ZIPMAP_OTHER_KINDS 1
+vec4 zipmap_other_kind(vec4 names, vec2 st, vec2 dstdx, vec2 dstdy, vec4 image, inout float lod)
+{
+    int kind = int(names.y);
+    int record = int(names.z);
+#ifdef ZIPMAP_KIND1_SAMPLE
+    if (kind == 1)
+        return ZIPMAP_KIND1_SAMPLE(record, st, dstdx, dstdy, lod);
+#endif
+#ifdef ZIPMAP_KIND2_SAMPLE
+    if (kind == 2)
+        return ZIPMAP_KIND2_SAMPLE(record, st, dstdx, dstdy, lod);
+#endif
+#ifdef ZIPMAP_KIND3_SAMPLE
+    if (kind == 3)
+        return ZIPMAP_KIND3_SAMPLE(record, st, dstdx, dstdy, lod);
+#endif
+    return image;
+}
+#endif
+
 // slot: which texture of the material; st and its derivatives per pixel as the surface gives them.
 // Returns linear, premultiplied rgba; lod: mip level at which the nearest layer was seen (negative
 // when magnified), patchIndex: that layer's number.
@@ -168,6 +192,9 @@ vec4 zipmap_tree_sample(int slot, vec2 st, vec2 dstdx, vec2 dstdy, out float lod
 #else
         vec4 sampled = mix(zipmap_texel(place, size, fineLevel, pageClass), zipmap_texel(place, size, coarseLevel, pageClass), blend);
 #endif
+#endif
+#ifdef ZIPMAP_OTHER_KINDS
+        sampled = zipmap_other_kind(record_fetch(record + 3), st, dstdx, dstdy, sampled, level);
 #endif
         bool first = clear == 1.0 && sampled.a > 0.0;
         top = first ? record : top;

@@ -140,12 +140,16 @@ class _PinchmapPlan:
 def plan(data: PinchmapData, sight: Sight, pool: TexturePool) -> _PinchmapPlan:
     """What a view sees of a pinchmap; see `fexel.textures.kind.KindGpu`."""
     images = _images(data, sight.path, pool)
+    sight = replace(sight, local_to_st=sight.local_to_st @ np.array(data.st_to_texture))
     matrix = homography.normalize(sight.local_to_st[None])
     bounds = homography.unit_square_bounds(matrix) if sight.nested else np.array([[-np.inf, -np.inf, np.inf, np.inf]])
     tree = build_tree(sight.pieces, matrix, bounds)
     facts = pool.facts(images.signal)
     size = np.array([facts.size], np.float64)
     seen = view_pairs(tree, matrix, bounds, size, pool.anisotropy)
+    plain = view_pairs(tree, matrix, bounds, size, 1.0)
+    if plain.lod_high[0] <= 0:  # nowhere is the longest axis of a pixel as long as a texel: nothing to probe
+        seen = plain
     last = min(facts.last_level, MAX_LEVELS - 1)
     finest = int(np.floor(seen.lod_low[0]).clip(0, last))
     coarsest = int((np.floor(seen.lod_high[0]) + 1).clip(0, last))
