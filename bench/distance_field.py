@@ -8,7 +8,7 @@
 
 Fields are made from outlines of a picture four times as fine as the judged one (`bench.outline`), corners restored.
 All are compared by the share of every pixel that they cover, from samples in it: edges as sharp as each way allows.
-Textures here have their texel centres at ((i + 1/2) / w, (j + 1/2) / h), rows from the top, and clamp.
+Texels are square, rows from the top; a texture covers what is drawn and, around it, a little more than half a texel.
 """
 
 from __future__ import annotations
@@ -32,10 +32,10 @@ from bench.pinch_shapes import Shape
 from fexel_tools.pinchmap_measure import alpha_error
 
 __all__ = [
+    "Grid",
     "ShapeTexture",
     "bilinear_coverage",
     "distance_field",
-    "grid_of_bytes",
     "least_squares_texels",
     "msdfgen_module",
     "multi_channel_fields",
@@ -45,6 +45,7 @@ __all__ = [
 _MSDFGEN = "@circuitly/msdfgen@1.1.0"
 _RANGES_TEXELS = (1.5, 2.0, 3.0, 4.0)  # least to greatest distance that 8 bits hold; 1 and 6 are hardly ever better
 _INSTALL_S = 180
+_RIM = 0.6  # texels around what is drawn: half a one, so that the outermost centres lie outside
 SAMPLES = 8  # along either axis of a pixel
 
 
@@ -64,21 +65,50 @@ class ShapeTexture:
     coverage: np.ndarray
 
 
-def grid_of_bytes(shape: tuple[int, int], nbytes: int, bytes_per_texel: float) -> tuple[int, int]:
-    """Rows and columns, in the aspect of `shape`, of the largest grid that fits into `nbytes`."""
-    texels = nbytes / bytes_per_texel
-    aspect = shape[1] / shape[0]
-    rows = math.sqrt(texels / aspect)
-    candidates = ((r, int(texels // r)) for r in (math.floor(rows), math.ceil(rows)) if r)
-    grids = [(r, min(c, math.ceil(r * aspect))) for r, c in candidates]
-    return max(grids, key=lambda grid: grid[0] * grid[1])
+@dataclass(frozen=True)
+class Grid:
+    """Square texels over a part of a picture: rows, columns, the size of a texel and the upper left corner, pixels."""
+
+    rows: int
+    columns: int
+    texel: float
+    left: float
+    top: float
+
+    @classmethod
+    def over(cls, shape: Shape, nbytes: int, bytes_per_texel: float) -> Grid:
+        """The largest that fits into `nbytes` and has what is drawn within its texel centres, with a tenth to spare."""
+        left, top, right, bottom = shape.box
+        width, height = right - left, bottom - top
+        most = int(nbytes / bytes_per_texel)
+        best = cls(2, 2, math.inf, 0.0, 0.0)
+        for columns in range(2, most // 2 + 1):
+            rows = most // columns
+            texel = max(width / (columns - 2 * _RIM), height / (rows - 2 * _RIM))
+            if texel < best.texel:
+                middle_x, middle_y = (left + right) / 2, (top + bottom) / 2
+                best = cls(rows, columns, texel, middle_x - columns * texel / 2, middle_y - rows * texel / 2)
+        return best
+
+    def weights(self, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
+        """Matrices (H, rows) and (W, columns) of bilinear interpolation at the pixel centres, clamped."""
+        y = (np.arange(shape[0]) + 0.5 - self.top) / self.texel
+        x = (np.arange(shape[1]) + 0.5 - self.left) / self.texel
+        return _weights(y, self.rows), _weights(x, self.columns)
+
+    def centres(self) -> np.ndarray:
+        """(rows * columns, 2) float64: of the texels, x and y."""
+        x, y = (np.arange(n) + 0.5 for n in (self.columns, self.rows))
+        return np.stack(np.meshgrid(x, y), -1).reshape(-1, 2) * self.texel + [self.left, self.top]
 
 
-def bilinear_coverage(alpha: np.ndarray, nbytes: int) -> ShapeTexture:
+def bilinear_coverage(shape: Shape, nbytes: int) -> ShapeTexture:
     """An 8-bit texture of the coverage, drawn as alpha."""
-    texels = least_squares_texels(alpha[..., None], grid_of_bytes(alpha.shape, nbytes, 1))
+    grid = Grid.over(shape, nbytes, 1)
+    down, across = grid.weights(shape.alpha.shape)
+    texels = np.linalg.pinv(down) @ shape.alpha.astype(np.float64) @ np.linalg.pinv(across).T
     stored = np.rint(np.clip(texels, 0, 1) * 255) / 255
-    return ShapeTexture(texels.shape[0] * texels.shape[1], upsampled(stored, alpha.shape)[..., 0])
+    return ShapeTexture(stored.size, (down @ stored @ across.T).astype(np.float32))
 
 
 def least_squares_texels(picture: np.ndarray, grid: tuple[int, int]) -> np.ndarray:
@@ -95,69 +125,67 @@ def least_squares_texels(picture: np.ndarray, grid: tuple[int, int]) -> np.ndarr
     (rows, columns, C) float64
         Not clipped: least squares ring a little around edges.
     """
-    down, across = (_pseudo_inverse(length, count) for length, count in zip(picture.shape[:2], grid, strict=True))
+    down, across = (np.linalg.pinv(_spread(n, count)) for n, count in zip(picture.shape[:2], grid, strict=True))
     return np.einsum("rh,hwc,qw->rqc", down, picture.astype(np.float64), across, optimize=True)
 
 
 def upsampled(texels: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
     """Bilinear interpolation of (h, w, C) texels at the pixel centres of a picture of `shape`: (H, W, C) float32."""
-    down, across = (_weights(length, count) for length, count in zip(shape, texels.shape[:2], strict=True))
+    down, across = (_spread(length, count) for length, count in zip(shape, texels.shape[:2], strict=True))
     return np.einsum("hr,rqc,wq->hwc", down, texels, across, optimize=True).astype(np.float32)
 
 
 def distance_field(shape: Shape, nbytes: int) -> ShapeTexture:
     """A single-channel field of exact distances, of the range that serves best."""
-    size = shape.alpha.shape
-    grid = grid_of_bytes(size, nbytes, 1)
-    y, x = ((np.arange(count) + 0.5) * (length / count) for count, length in zip(grid, size, strict=True))
-    points = np.stack(np.meshgrid(x, y), -1).reshape(-1, 2)
-    distance = _distances(points, *_edges(shape.polygons)) * np.where(shape.inside(points), 1, -1)
-    texel = size[0] / grid[0]
+    grid = Grid.over(shape, nbytes, 1)
+    points = grid.centres()
+    distance = _distances(points, *_edges(shape.polygons)) * np.where(shape.inside(points), 1, -1) / grid.texel
     textures = []
     for width in _RANGES_TEXELS:
-        stored = np.rint(np.clip(0.5 + distance / (width * texel), 0, 1) * 255) / 255
-        textures.append(ShapeTexture(grid[0] * grid[1], _covered_share(stored.reshape(*grid, 1), size)))
+        stored = np.rint(np.clip(0.5 + distance / width, 0, 1) * 255) / 255
+        textures.append(_thresholded(stored.reshape(grid.rows, grid.columns, 1), grid, shape))
     return _best_of(textures, shape.alpha)
 
 
 def multi_channel_fields(shape: Shape, budgets: Sequence[int]) -> list[ShapeTexture]:
     """Multi-channel fields by msdfgen, 3 bytes per texel, each of the range that serves best.
 
-    One for every budget in bytes; [] without msdfgen or outlines. Texels are square, as msdfgen makes them: a field may
-    reach a little beyond the picture's right or upper border.
+    One for every budget in bytes; [] without msdfgen or outlines.
     """
     module = msdfgen_module()
     if module is None or not shape.polygons:
         return []
-    size = shape.alpha.shape
-    upward = [polygon * [1, -1] + [0, size[0]] for polygon in shape.polygons]  # msdfgen orients them by their nesting
-    fields = []
-    for nbytes in budgets:
-        grid = grid_of_bytes(size, nbytes, 3)
-        scale = min(grid[0] / size[0], grid[1] / size[1])
-        fields += [{"width": grid[1], "height": grid[0], "scale": scale, "range": w / scale} for w in _RANGES_TEXELS]
-    request = {"module": str(module), "polygons": [p.reshape(-1).tolist() for p in upward], "fields": fields}
-    texels = _run_msdfgen(request)
-    textures = [_multi_channel(field, texel, size) for field, texel in zip(fields, texels, strict=True)]
+    grids = [Grid.over(shape, nbytes, 3) for nbytes in budgets for _ in _RANGES_TEXELS]
+    widths = [width for _ in budgets for width in _RANGES_TEXELS]
+    texels = _run_msdfgen(module, shape, grids, widths)
+    textures = [
+        _thresholded((texel + 0.5) / 256, grid, shape)  # msdfgen rounds down
+        for grid, texel in zip(grids, texels, strict=True)
+    ]
     step = len(_RANGES_TEXELS)
     return [_best_of(textures[first : first + step], shape.alpha) for first in range(0, len(textures), step)]
 
 
-def _run_msdfgen(request: dict) -> list[np.ndarray]:
-    """Fields (rows, columns, 3) uint8, row 0 at the top."""
+def _run_msdfgen(module: Path, shape: Shape, grids: list[Grid], widths: list[float]) -> list[np.ndarray]:
+    """Fields (rows, columns, 3) uint8; msdfgen's own y runs upward, and it orients outlines by their nesting."""
+    fields = [
+        {
+            "width": grid.columns,
+            "height": grid.rows,
+            "scale": 1 / grid.texel,
+            "range": width * grid.texel,
+            "translate": {"x": -grid.left, "y": grid.top + grid.rows * grid.texel},
+        }
+        for grid, width in zip(grids, widths, strict=True)
+    ]
+    polygons = [(polygon * [1, -1]).reshape(-1).tolist() for polygon in shape.polygons]
+    request = {"module": str(module), "polygons": polygons, "fields": fields}
     command = ["node", str(Path(__file__).with_name("msdfgen.mjs"))]
     done = subprocess.run(command, input=json.dumps(request), capture_output=True, text=True, check=True)
-    fields = zip(request["fields"], json.loads(done.stdout)["fields"], strict=True)
     return [
-        np.frombuffer(base64.b64decode(encoded), np.uint8).reshape(field["height"], field["width"], 4)[::-1, :, :3]
-        for field, encoded in fields
+        np.frombuffer(base64.b64decode(encoded), np.uint8).reshape(grid.rows, grid.columns, 4)[::-1, :, :3]
+        for grid, encoded in zip(grids, json.loads(done.stdout)["fields"], strict=True)
     ]
-
-
-def _multi_channel(field: dict, texels: np.ndarray, size: tuple[int, int]) -> ShapeTexture:
-    extent = (field["height"] / field["scale"], field["width"] / field["scale"])  # source pixels, from the bottom up
-    stored = (texels + 0.5) / 256  # msdfgen rounds down
-    return ShapeTexture(texels.size, _covered_share(stored, size, extent, size[0] - extent[0]))
 
 
 def _best_of(textures: Sequence[ShapeTexture], alpha: np.ndarray) -> ShapeTexture:
@@ -181,21 +209,21 @@ def msdfgen_module() -> Path | None:
     return module if probe.returncode == 0 else None
 
 
-@cache
-def _weights(length: int, count: int) -> np.ndarray:
-    """Matrix (length, count) of bilinear interpolation along one axis, clamped."""
-    position = np.clip((np.arange(length) + 0.5) * (count / length) - 0.5, 0, count - 1)
+def _weights(position: np.ndarray, count: int) -> np.ndarray:
+    """Matrix (N, count) of clamped bilinear interpolation at positions in texels, 0 at the outer side of the first."""
+    position = np.clip(position - 0.5, 0, count - 1)
     low = np.minimum(np.floor(position).astype(int), max(count - 2, 0))
-    high = np.minimum(low + 1, count - 1)
-    matrix = np.zeros((length, count))
-    np.add.at(matrix, (np.arange(length), low), 1 - (position - low))
-    np.add.at(matrix, (np.arange(length), high), position - low)
+    matrix = np.zeros((len(position), count))
+    each = np.arange(len(position))
+    np.add.at(matrix, (each, low), 1 - (position - low))
+    np.add.at(matrix, (each, np.minimum(low + 1, count - 1)), position - low)
     return matrix
 
 
 @cache
-def _pseudo_inverse(length: int, count: int) -> np.ndarray:
-    return np.linalg.pinv(_weights(length, count))
+def _spread(length: int, count: int) -> np.ndarray:
+    """`_weights` of `count` texels over `length` pixels."""
+    return _weights((np.arange(length) + 0.5) * (count / length), count)
 
 
 def _edges(polygons: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
@@ -221,21 +249,12 @@ def _distances(points, start, end):
     return result
 
 
-def _covered_share(
-    texels: np.ndarray,
-    shape: tuple[int, int],
-    extent: tuple[float, float] | None = None,
-    first_row: float = 0.0,
-) -> np.ndarray:
-    """Share of the samples of every pixel where the median of the channels exceeds 1/2.
-
-    The texture covers `extent` source pixels (rows, columns; all of `shape` by default) from row `first_row`, column 0.
-    """
-    result = np.empty(shape, np.float32)
-    rows, columns = extent or shape
-    place = (first_row, texels.shape[0] / rows, texels.shape[1] / columns)
+def _thresholded(texels: np.ndarray, grid: Grid, shape: Shape) -> ShapeTexture:
+    """Share of the samples of every pixel where the median of the channels (rows, columns, 1 or 3) exceeds 1/2."""
+    result = np.empty(shape.alpha.shape, np.float32)
+    place = (grid.top, grid.left, 1 / grid.texel)
     _sample_median(np.ascontiguousarray(texels, np.float64), place, SAMPLES, result)
-    return result
+    return ShapeTexture(texels.size, result)
 
 
 @numba.njit(cache=True)
@@ -259,10 +278,10 @@ def _sample_median(texels, place, samples, result):
 
 @numba.njit(cache=True)
 def _median(texels, place, y, x, value):
-    first_row, per_row, per_column = place
+    top, left, per_pixel = place
     height, width, channels = texels.shape
-    v = min(max((y - first_row) * per_row - 0.5, 0.0), height - 1.0)
-    u = min(max(x * per_column - 0.5, 0.0), width - 1.0)
+    v = min(max((y - top) * per_pixel - 0.5, 0.0), height - 1.0)
+    u = min(max((x - left) * per_pixel - 0.5, 0.0), width - 1.0)
     j, i = int(v), int(u)
     k, m = min(j + 1, height - 1), min(i + 1, width - 1)
     v, u = v - j, u - i

@@ -1,8 +1,9 @@
 // Multi-channel distance fields by msdfgen (V. Chlumsky), through its Node binding @circuitly/msdfgen.
 //
-// Reads {"module": path, "polygons": [[x, y, ...], ...], "fields": [{"width", "height", "scale": texels per unit, "range": units}]}
-// from standard input, x right, y up; writes {"fields": [base64 of width * height * 4 bytes, row 0 at the bottom]}: MSDF in
-// three channels, true distance in the fourth.
+// Reads {"module": path, "polygons": [[x, y, ...], ...], "fields": [{"width", "height", "scale", "range", "translate"}]} from
+// standard input, y upward, fields as the binding takes them: scale is texels per unit, range and translate are units.
+// Writes {"fields": [base64 of width * height * 4 bytes, row 0 at the bottom]}: MSDF in three channels, true distance in
+// the fourth.
 import { createRequire } from "node:module";
 import { readFileSync } from "node:fs";
 
@@ -15,7 +16,5 @@ const contours = request.polygons.map((flat) => {
   const edges = points.map((point, i) => ({ type: "linear", points: [point, points[(i + 1) % points.length]] }));
   return { edges };
 });
-const fields = request.fields.map(({ width, height, scale, range }) =>
-  generateMTSDF({ contours }, { width, height, scale, range, translate: { x: 0, y: 0 } }).toString("base64"),
-);
+const fields = request.fields.map((field) => generateMTSDF({ contours }, field).toString("base64"));
 process.stdout.write(JSON.stringify({ fields }));

@@ -27,13 +27,16 @@ class Shape:
     ----------
     name : str
     alpha : (H, W) float32
-        Exact coverage, as far as `_FINER` x `_FINER` anti-aliased samples give it; longer side 1024 pixels.
+        Coverage, the mean of 4 x 4 anti-aliased pixels; the longer side has 1024 pixels.
+    box : (float, float, float, float)
+        Left, top, right and bottom of what is covered, pixels.
     polygons : list of (N, 2) float64
-        Outlines in pixels of `alpha`.
+        Outlines in pixels.
     """
 
     name: str
     alpha: np.ndarray
+    box: tuple[float, float, float, float]
     polygons: list[np.ndarray]
     _fine: np.ndarray
 
@@ -63,4 +66,6 @@ def load_shape(path: Path) -> Shape:
     fine = np.ascontiguousarray(fine[: rows * _FINER, : columns * _FINER])
     alpha = fine.reshape(rows, _FINER, columns, _FINER).mean((1, 3), dtype=np.float64).astype(np.float32)
     polygons = [polygon / _FINER for polygon in outlines(fine)]
-    return Shape(f"{path.parent.name}/{path.stem}", alpha, polygons, fine)
+    (top, bottom), (left, right) = (np.flatnonzero(fine.any(axis))[[0, -1]] for axis in (1, 0))
+    box = (left / _FINER, top / _FINER, (right + 1) / _FINER, (bottom + 1) / _FINER)
+    return Shape(f"{path.parent.name}/{path.stem}", alpha, box, polygons, fine)

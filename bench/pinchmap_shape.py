@@ -7,6 +7,8 @@ bytes are given, each with the map that fits into them:
 * as it could be stored: a byte of gamma and a bit of mask per texel; d and k are made again when it is loaded;
 * as it could be bound where only the side is wanted: the level k - gamma in one 8-bit channel, 1 byte per texel. The
   side is its bilinear interpolation's sign, a single filtered access.
+
+All ways cover what is drawn and a rim, and are judged over the whole picture.
 """
 
 from __future__ import annotations
@@ -19,10 +21,10 @@ import numpy as np
 
 from bench.distance_field import (
     SAMPLES,
+    Grid,
     ShapeTexture,
     bilinear_coverage,
     distance_field,
-    grid_of_bytes,
     msdfgen_module,
     multi_channel_fields,
 )
@@ -30,11 +32,11 @@ from bench.harness import Curve, Row, progress
 from bench.pinch_shapes import Shape, drawings, load_shape
 from fexel_tools.pinchmap_fit import fit
 from fexel_tools.pinchmap_measure import alpha_error, covered_share
+from fexel_tools.pinchmap_window import Window, choose_window
 
 NAME = "pinchmap shape"
 _BUDGETS = (1280, 2560, 5120, 10240)
 _ASKED = 5120  # bytes
-_CLAMP = ("clamp", "clamp")
 _LABELS = {
     "bound": "pinchmap as bound, RGBA, 4 B per texel",
     "stored": "pinchmap stored as gamma and mask, 9/8 B",
@@ -99,7 +101,7 @@ def _textures(shape: Shape, budgets: tuple[int, ...]) -> dict[tuple[str, int], S
         "stored": lambda shape, nbytes: _pinchmap(shape, nbytes, 9 / 8),
         "level": _level,
         "sdf": distance_field,
-        "bilinear": lambda shape, nbytes: bilinear_coverage(shape.alpha, nbytes),
+        "bilinear": bilinear_coverage,
     }
     textures = {(way, nbytes): make(shape, nbytes) for way, make in ways.items() for nbytes in budgets}
     for nbytes, texture in zip(budgets, multi_channel_fields(shape, budgets), strict=False):
@@ -108,18 +110,27 @@ def _textures(shape: Shape, budgets: tuple[int, ...]) -> dict[tuple[str, int], S
 
 
 def _pinchmap(shape: Shape, nbytes: int, bytes_per_texel: float) -> ShapeTexture:
-    pinchmap = fit(shape.alpha, grid_of_bytes(shape.alpha.shape, nbytes, bytes_per_texel)).pinchmap
-    return _drawn(shape, pinchmap[..., 2] - pinchmap[..., 3], bytes_per_texel)
+    levels, window = _levels(shape, nbytes, bytes_per_texel)
+    return _drawn(shape, levels, window, bytes_per_texel)
 
 
 def _level(shape: Shape, nbytes: int) -> ShapeTexture:
     """The level, -2 to 2, in the 255 values of an 8-bit signed normalised channel."""
-    pinchmap = fit(shape.alpha, grid_of_bytes(shape.alpha.shape, nbytes, 1)).pinchmap
-    return _drawn(shape, np.rint((pinchmap[..., 2] - pinchmap[..., 3]) / 2 * 127), 1)
+    levels, window = _levels(shape, nbytes, 1)
+    return _drawn(shape, np.rint(levels / 2 * 127), window, 1)
 
 
-def _drawn(shape: Shape, levels: np.ndarray, bytes_per_texel: float) -> ShapeTexture:
-    covered = covered_share(levels.astype(np.float64), shape.alpha.shape, _CLAMP, SAMPLES)
+def _levels(shape: Shape, nbytes: int, bytes_per_texel: float) -> tuple[np.ndarray, Window]:
+    """k - gamma, and the window that the map covers."""
+    grid = Grid.over(shape, nbytes, bytes_per_texel)
+    size = (grid.rows, grid.columns)
+    window = choose_window(shape.alpha, size, content=shape.alpha > 0)
+    pinchmap = fit(shape.alpha, size, window=window).pinchmap
+    return pinchmap[..., 2] - pinchmap[..., 3], window
+
+
+def _drawn(shape: Shape, levels: np.ndarray, window: Window, bytes_per_texel: float) -> ShapeTexture:
+    covered = covered_share(levels, shape.alpha.shape, samples=SAMPLES, window=window)
     return ShapeTexture(round(levels.size * bytes_per_texel), covered)
 
 
