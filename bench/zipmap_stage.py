@@ -26,6 +26,7 @@ __all__ = [
     "render_texture",
     "save",
     "tilted_view",
+    "vertex_array",
     "zipmap_stage",
     "zipmap_texture",
 ]
@@ -126,7 +127,7 @@ def render_texture(
         defines = binding.defines | {"TEXTURE_SAMPLE": f"{texture.kind}_sample", "TEXTURE_AOVS": int(aovs)}
         program = ProgramCache(gl).get("texture_view.vert", "texture_view.frag", defines, binding.includes)
         binding.apply(program)
-        _vertex_array(gl, program, draw, surface, view).render()
+        vertex_array(gl, program, draw, surface, view).render()
     result = np.concatenate(
         [np.frombuffer(t.read(), np.float32).reshape(view.height, view.width, 4) for t in targets], -1
     )
@@ -144,14 +145,14 @@ def compiled_view(gl, programs, draw: Draw, view: View, textured=None):
     """
     surface = visible_surface(draw, view, ["st"])
     if textured is None:
-        return _vertex_array(gl, programs, draw, surface, view).render
+        return vertex_array(gl, programs, draw, surface, view).render
     texture, system = textured
     request = TextureRequest(texture, surface)
     system.begin_view([request])
     binding = system.binding([request])
     defines = binding.defines | {"TEXTURE_SAMPLE": f"{texture.kind}_sample", "TEXTURE_AOVS": 0}
     program = programs.get("texture_view.vert", "texture_view.frag", defines, binding.includes)
-    return program, binding, _vertex_array(gl, program, draw, surface, view).render
+    return program, binding, vertex_array(gl, program, draw, surface, view).render
 
 
 def lookup_texture(
@@ -207,7 +208,8 @@ def pixel_st(view: View) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return st_, jacobian, shown
 
 
-def _vertex_array(gl, program, draw: Draw, surface: VisibleSurface, view: View):
+def vertex_array(gl, program, draw: Draw, surface: VisibleSurface, view: View):
+    """What draws a quad with ``texture_view.vert``."""
     if surface.rebased is not None:
         position, st, triangles = surface.rebased.clip_position, surface.rebased.st["st"], surface.rebased.triangles
     else:

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+
 from bench.pinchmap_texture import define_pinchmap, pinchmap_stage, random_pinchmap, save_texels, two_sides
 from bench.zipmap_stage import (
     Patch,
@@ -14,7 +15,6 @@ from bench.zipmap_stage import (
     zipmap_stage,
     zipmap_texture,
 )
-
 from fexel import homography, mipmaps
 from fexel.textures.pinchmap_twin import edge, encode_texels, picture_levels, pinch, sample_pinchmap
 from fexel.textures.system import TextureSystem
