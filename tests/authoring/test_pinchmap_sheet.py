@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from fexel.images import image_info, read_pixels
+from fexel_tools.pinchmap import Pinchmap
 from fexel_tools.pinchmap_baking import reconstruct
 from fexel_tools.pinchmap_fit import Fault
 from fexel_tools.pinchmap_mask import channels
@@ -43,10 +44,8 @@ def pinchmap():
     signal[..., :3] = mask[..., None]
     picture = reconstruct(texels, signal, (160, 240))
     source = SimpleNamespace(color=picture[..., :3], opacity=picture[..., 3], side=picture[..., 0], is_data=False)
-    return SimpleNamespace(
-        source=source, texels=texels, signal=signal, wrap=("clamp", "clamp"), has_alpha=False,
-        fit=SimpleNamespace(mask=mask),
-    )  # fmt: skip
+    fit = SimpleNamespace(mask=mask, window=(0, 0, 240, 160))
+    return Pinchmap(source, 12, fit, texels, signal, ("clamp", "clamp"), np.eye(3))
 
 
 def item(*faults):
@@ -125,13 +124,12 @@ def test_any_aspect_can_be_drawn(shape):
     texels[..., :3] = channels(mask)
     signal = np.full((4, 4, 4), 0.5, np.float32)
     source = SimpleNamespace(
-        color=np.full((*shape, 3), 0.5, np.float32), opacity=np.full(shape, 0.5, np.float32), is_data=False,
+        color=np.full((*shape, 3), 0.5, np.float32),
+        opacity=np.full(shape, 0.5, np.float32),
+        is_data=False,
         side=np.zeros(shape, np.float32),
-    )  # fmt: skip
-    made = SimpleNamespace(
-        source=source, texels=texels, signal=signal, wrap=("clamp", "clamp"), has_alpha=True,
-        fit=SimpleNamespace(mask=mask),
-    )  # fmt: skip
+    )
+    made = Pinchmap(source, 4, SimpleNamespace(mask=mask), texels, signal, ("clamp", "clamp"), np.eye(3))
     entry = PinchmapItem("x.png", 4, 128, 1.0, 0.0, None, None, None, 0.1, "x.usda", (4, 4), (4, 4), shape[::-1])
     for row in (*draw_panels(made, entry, 100).rows, *draw_panels(made, entry, 100, square=True).rows):
         assert len({picture.shape for picture in row.pictures}) == 1

@@ -21,7 +21,7 @@ import numpy as np
 
 from fexel.errors import FexelError
 from fexel_tools import fallback, pinchmap_stage
-from fexel_tools.pinchmap_baking import reconstruct
+from fexel_tools.pinchmap_baking import WHOLE, reconstruct
 from fexel_tools.pinchmap_fit import PinchmapFit, fit
 from fexel_tools.pinchmap_measure import measure_shape, psnr_db
 from fexel_tools.pinchmap_options import AUTO, PinchmapOptions, check_options, map_shape
@@ -31,6 +31,7 @@ from fexel_tools.pinchmap_signal import fill_signal
 from fexel_tools.pinchmap_source import PinchmapSource, load_source
 from fexel_tools.pinchmap_strength import boundary_strength
 from fexel_tools.pinchmap_textures import as_stored, write_pinchmap, write_signal
+from fexel_tools.pinchmap_window import Window, choose_window, cut, matrix_of
 from fexel_tools.progress import Progress, silent
 from fexel_tools.report import check_report, write_report
 from fexel_tools.staged_output import check_output, staged_output
@@ -57,6 +58,8 @@ class Pinchmap:
     signal : (Sh, Sw, 4) float32
         Linear (or data), straight alpha.
     wrap : (str, str)
+    st_to_texture : (3, 3) float64
+        From st of the source to the pinchmap's own, which covers what is to be seen of it; row vectors.
     """
 
     source: PinchmapSource
@@ -65,11 +68,21 @@ class Pinchmap:
     texels: np.ndarray
     signal: np.ndarray
     wrap: tuple[str, str]
+    st_to_texture: np.ndarray
 
     @property
     def has_alpha(self) -> bool:
         """Whether anything is seen through the source."""
         return bool((self.source.opacity < 1.0).any())
+
+    @property
+    def detail_st(self) -> np.ndarray | None:
+        """(4, 2) corners of where its lines are busiest, in st of the source; None where it has none."""
+        return pinchmap_stage.busiest_window(self.fit.mask, self.st_to_texture)
+
+    def picture(self, shape: tuple[int, int], window: tuple[float, float, float, float] = WHOLE) -> np.ndarray:
+        """(rows, columns, 4) float32, linear, premultiplied: a window (s0, t0, s1, t1) of the source as it is shown."""
+        return reconstruct(self.texels, self.signal, shape, self.wrap, window=window, st_to_texture=self.st_to_texture)
 
 
 @dataclass(frozen=True, eq=False)
@@ -245,11 +258,13 @@ def compute_pinchmap(file: str, options: PinchmapOptions, phases: Phases | None 
     with phases("signal"):
         finer = _signal_ratio(size, options)
         shape = (fitted.pinchmap.shape[0] * finer, fitted.pinchmap.shape[1] * finer)
+        seen = _cut(source, fitted.window)
         texels = fitted.pinchmap.copy()
-        texels[..., :2] *= boundary_strength(source.side, texels, shape, wrap=options.wrap)[..., None]
+        texels[..., :2] *= boundary_strength(seen.side, texels, shape, wrap=options.wrap)[..., None]
         texels = as_stored(texels, options.bits)
-        signal = fill_signal(source, texels, shape, wrap=options.wrap)
-    return Pinchmap(source, size, fitted, texels, signal, options.wrap)
+        signal = fill_signal(seen, texels, shape, wrap=options.wrap)
+    matrix = matrix_of(fitted.window, source.side.shape)
+    return Pinchmap(source, size, fitted, texels, signal, options.wrap, matrix)
 
 
 def _fit(source: PinchmapSource, options: PinchmapOptions) -> tuple[int, PinchmapFit]:
@@ -260,7 +275,20 @@ def _fit(source: PinchmapSource, options: PinchmapOptions) -> tuple[int, Pinchma
 
         return fit_auto(source.side, options.tolerance, **settings)
     size = int(options.size)
-    return size, fit(source.side, map_shape(width, height, size), **settings)
+    shape = map_shape(width, height, size)
+    # A line is as wide as the texels are, which cropping would stretch.
+    content = None if options.line_width > 0.0 else source.opacity > 0.0
+    window = choose_window(source.side, shape, wrap=options.wrap, content=content)
+    return size, fit(source.side, shape, window=window, **settings)
+
+
+def _cut(source: PinchmapSource, window: Window) -> PinchmapSource:
+    """The part of a source that its pinchmap covers."""
+    height, width = source.side.shape
+    if tuple(window) == (0, 0, width, height):
+        return source
+    color, opacity, side = (cut(plane, window) for plane in (source.color, source.opacity, source.side))
+    return replace(source, color=color, opacity=opacity, side=side)
 
 
 def _signal_ratio(size: int, options: PinchmapOptions) -> int:
@@ -294,9 +322,9 @@ def _write(pinchmap: Pinchmap, file: str, out: str | Path, options: PinchmapOpti
                 line_width=options.line_width,
                 line_color=options.line_color,
                 source=Path(file).name,
+                matrix=pinchmap.st_to_texture,
             )
-            window = pinchmap_stage.busiest_window(pinchmap.fit.mask)
-            stage = pinchmap_stage.create_stage(staged.stage, prim, width / height, window)
+            stage = pinchmap_stage.create_stage(staged.stage, prim, width / height, pinchmap.detail_st)
         with phases("fallback"):
             texture = stage.GetPrimAtPath(pinchmap_stage.TEXTURE_PATH)
             fallback.write_fallback(texture, staged.textures / "fallback.png", options.fallback_size)
@@ -326,8 +354,7 @@ def _item(pinchmap: Pinchmap, file: str, out: str | Path, nbytes: int, measured:
     )
     if not measured:
         return item
-    shape = measure_shape(pinchmap.texels, source.side, pinchmap.wrap)
-    picture = reconstruct(pinchmap.texels, pinchmap.signal, (height, width), pinchmap.wrap)
+    shape = measure_shape(pinchmap.texels, source.side, pinchmap.wrap, window=pinchmap.fit.window)
     truth = np.dstack([source.color * source.opacity[..., None], source.opacity])
-    psnr = psnr_db(picture, truth, encode=not source.is_data)
+    psnr = psnr_db(pinchmap.picture((height, width)), truth, encode=not source.is_data)
     return replace(item, **shape.as_dict(), psnr_db=psnr)

@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from fexel import mipmaps
+from fexel import homography, mipmaps
 from fexel.textures.image_source import BIAS_ZERO, SCALE_ONE, ImageSource
 from fexel.textures.pinchmap import PinchmapData
 from fexel.textures.pinchmap_lattice import Lattice
@@ -21,11 +21,15 @@ from fexel.textures.pinchmap_twin import picture_levels, sample_pinchmap
 from fexel.textures.pyramid_cache import PyramidCache
 from fexel_tools.baking import Storage, linear_texels, storage_of
 
-__all__ = ["baker", "reconstruct"]
+__all__ = ["WHOLE", "baker", "reconstruct"]
+
+WHOLE = (0.0, 0.0, 1.0, 1.0)
+"""All of st in [0, 1], as a window (s0, t0, s1, t1)."""
 
 _PIXELS_PER_TEXEL = 16
 _BLOCK = 1 << 17  # points looked up at a time
-_WHOLE = (0.0, 0.0, 1.0, 1.0)
+_UNPLACED = np.eye(3)
+_NEAREST_W = 1e-9  # of the homogeneous coordinate: what lies nearer to infinity is not drawn
 _IDENTITY = (SCALE_ONE, BIAS_ZERO)
 
 
@@ -35,9 +39,10 @@ def reconstruct(
     shape: tuple[int, int],
     wrap: tuple[str, str] = ("clamp", "clamp"),
     *,
-    window: tuple[float, float, float, float] = _WHOLE,
+    window: tuple[float, float, float, float] = WHOLE,
     line_width: float = 0.0,
     line_color: tuple[float, ...] = (0.0, 0.0, 0.0, 1.0),
+    st_to_texture: np.ndarray = _UNPLACED,
 ) -> np.ndarray:
     """The picture that a pinchmap and its signal make, anti-aliased over one pixel.
 
@@ -50,11 +55,13 @@ def reconstruct(
         Rows and columns of the picture.
     wrap : (str, str)
     window : (s0, t0, s1, t1)
-        What it shows of texture space.
+        What it shows, in st.
     line_width : float
         Pinchmap texels.
     line_color : 4 floats
         Linear, straight alpha.
+    st_to_texture : (3, 3) float64
+        Row vectors: ``inputs:matrix``.
 
     Returns
     -------
@@ -63,7 +70,7 @@ def reconstruct(
     """
     texels = np.array(signal, np.float64)
     texels[..., :3] *= texels[..., 3:]
-    return _drawn(_Drawing(pinchmap, texels, wrap, line_width, line_color), shape, window)
+    return _drawn(_Drawing(pinchmap, texels, wrap, line_width, line_color, st_to_texture), shape, window)
 
 
 def baker(data: PinchmapData, path: str) -> _PinchmapBaker:
@@ -80,6 +87,22 @@ class _Drawing:
     wrap: tuple[str, str]
     line_width: float
     line_color: tuple[float, ...]
+    st_to_texture: np.ndarray
+
+    @property
+    def is_upright(self) -> bool:
+        """Whether rows and columns of st are rows and columns of the texture."""
+        off = self.st_to_texture[[0, 0, 1, 1], [1, 2, 0, 2]]
+        return not off.any() and self.st_to_texture[2, 2] == 1.0
+
+    def at(self, st: np.ndarray, jacobian: np.ndarray, levels: list[np.ndarray]) -> np.ndarray:
+        """`sample` of ``inputs:st``; transparent where that lies at or behind infinity."""
+        in_front = st @ self.st_to_texture[:2, 2] + self.st_to_texture[2, 2] > _NEAREST_W
+        out = np.zeros((len(st), 4))
+        place = homography.apply(self.st_to_texture, st[in_front])
+        stretch = homography.jacobian(self.st_to_texture, st[in_front])
+        out[in_front] = self.sample(place, stretch @ jacobian, levels)
+        return out
 
     def sample(self, st: np.ndarray, jacobian: np.ndarray, levels: list[np.ndarray]) -> np.ndarray:
         """(M, 4) float64 from mip levels of the signal, or of the picture."""
@@ -131,10 +154,12 @@ class _PinchmapBaker:
     def texels(self) -> tuple[int, int]:
         """Width and height of the picture that shows the curves of the pinchmap and all of the signal."""
         height, width = self._nested.signal.shape[:2]
-        if not self._nested.pinchmap[..., :2].any():
-            return width, height
-        scale = max(1.0, _PIXELS_PER_TEXEL * self._nested.pinchmap.shape[1] / width)
-        return round(width * scale), round(height * scale)
+        scale = 1.0
+        if self._nested.pinchmap[..., :2].any():
+            scale = max(1.0, _PIXELS_PER_TEXEL * self._nested.pinchmap.shape[1] / width)
+        stretch = homography.jacobian(self._nested.st_to_texture, np.array([[0.5, 0.5]]))[0]
+        across = np.linalg.norm(stretch * np.array([[width], [height]]) * scale, axis=0)
+        return max(1, round(across[0])), max(1, round(across[1]))
 
     def size(self, largest: int) -> tuple[int, int]:
         """Width and height of the picture, at most `largest` a side."""
@@ -152,7 +177,7 @@ class _PinchmapBaker:
                 for color in (source.fallback, line)
             )
             source = replace(source, scale=SCALE_ONE, bias=BIAS_ZERO, fallback=fallback)
-        return _drawn(self._drawing(source, line), (height, width), _WHOLE)
+        return _drawn(self._drawing(source, line), (height, width), WHOLE)
 
     def sample(self, st: np.ndarray, jacobian: np.ndarray) -> np.ndarray:
         """(M, 4) float64, linear, premultiplied, scale and bias applied, at points (M, 2) of the unit square."""
@@ -175,59 +200,71 @@ class _PinchmapBaker:
         pinchmap = self._pinchmaps.texels(found)
         if found is CONSTANT:
             pinchmap = np.broadcast_to(pinchmap[0, 0], signal.shape)
-        return _Drawing(pinchmap, signal, (s, t), self._data.line_width, line_color)
+        return _Drawing(pinchmap, signal, (s, t), self._data.line_width, line_color, np.array(self._data.st_to_texture))
 
 
 def _drawn(drawing: _Drawing, shape: tuple[int, int], window: tuple[float, float, float, float]) -> np.ndarray:
     """(rows, columns, 4) float32: a window at a size, anti-aliased over one pixel."""
-    if window == _WHOLE and shape[0] >= drawing.signal.shape[0] and shape[1] >= drawing.signal.shape[1]:
-        return _magnified(drawing, shape)
     rows, columns = shape
     s0, t0, s1, t1 = window
     step = np.array([(s1 - s0) / columns, (t0 - t1) / rows])
+    if drawing.is_upright:
+        texels = np.abs(step * drawing.st_to_texture[[0, 1], [0, 1]]) * drawing.signal.shape[1::-1]
+        if (texels <= 1).all():
+            return _magnified(drawing, shape, window)
     out = np.empty((rows, columns, 4), np.float32)
     s = s0 + (np.arange(columns) + 0.5) * step[0]
     strip = max(1, _BLOCK // columns)
     for top in range(0, rows, strip):
         t = t1 + (np.arange(top, min(top + strip, rows)) + 0.5) * step[1]
         st = np.stack(np.meshgrid(s, t), axis=-1).reshape(-1, 2)
-        out[top : top + strip] = drawing.sample(st, np.diag(step), drawing.levels).reshape(-1, columns, 4)
+        out[top : top + strip] = drawing.at(st, np.diag(step), drawing.levels).reshape(-1, columns, 4)
     return out
 
 
-def _magnified(drawing: _Drawing, shape: tuple[int, int]) -> np.ndarray:
-    """`_drawn` of the whole at no less than the signal's size: only where something is pinched need it be looked up.
+def _magnified(drawing: _Drawing, shape: tuple[int, int], window: tuple[float, float, float, float]) -> np.ndarray:
+    """`_drawn` where no pixel is larger than a texel: only where something is pinched need it be looked up.
 
     Elsewhere the picture is the signal, bilinearly interpolated.
     """
-    rows, columns = shape
-    s, t = (np.arange(columns) + 0.5) / columns, 1 - (np.arange(rows) + 0.5) / rows
-    out = _interpolated(drawing.signal, shape, drawing.wrap)
+    s0, t0, s1, t1 = window
+    matrix = drawing.st_to_texture
+    s = (s0 + (np.arange(shape[1]) + 0.5) * ((s1 - s0) / shape[1])) * matrix[0, 0] + matrix[2, 0]
+    t = (t1 + (np.arange(shape[0]) + 0.5) * ((t0 - t1) / shape[0])) * matrix[1, 1] + matrix[2, 1]
+    out = _interpolated(drawing.signal, s, t, drawing.wrap)
     cells = Lattice(drawing.pinchmap, drawing.wrap).active_cells()
-    cell_row = ((1 - t) * cells.shape[0]).astype(int)
-    cell_column = (s * cells.shape[1]).astype(int)
+    cell_column = (_wrapped(s, drawing.wrap[0]) * cells.shape[1]).astype(int).clip(0, cells.shape[1] - 1)
+    cell_row = ((1 - _wrapped(t, drawing.wrap[1])) * cells.shape[0]).astype(int).clip(0, cells.shape[0] - 1)
     row, column = np.nonzero(cells[cell_row[:, None], cell_column])
-    jacobian = np.diag([1 / columns, -1 / rows])
+    jacobian = np.diag([(s1 - s0) / shape[1] * matrix[0, 0], (t0 - t1) / shape[0] * matrix[1, 1]])
     for start in range(0, len(row), _BLOCK):
         y, x = row[start : start + _BLOCK], column[start : start + _BLOCK]
         out[y, x] = drawing.sample(np.stack([s[x], t[y]], axis=1), jacobian, [drawing.signal])
     return out
 
 
-def _interpolated(signal: np.ndarray, shape: tuple[int, int], wrap: tuple[str, str]) -> np.ndarray:
-    """(rows, columns, 4) float32: the signal at the pixels' centres, as its wrap modes continue it."""
+def _wrapped(coordinate: np.ndarray, mode: str) -> np.ndarray:
+    """Coordinates within [0, 1], as a wrap mode has it."""
+    if mode == "repeat":
+        return coordinate - np.floor(coordinate)
+    if mode == "mirror":
+        return np.abs(coordinate - 2 * np.floor(0.5 * coordinate + 0.5))
+    return coordinate.clip(0, 1)
+
+
+def _interpolated(signal: np.ndarray, s: np.ndarray, t: np.ndarray, wrap: tuple[str, str]) -> np.ndarray:
+    """(rows, columns, 4) float32: the signal at a grid of texture coordinates, as its wrap modes continue it."""
     modes = ["wrap" if mode == "repeat" else "edge" for mode in wrap]  # mirrored, the border meets itself
     padded = np.pad(signal.astype(np.float32), ((1, 1), (0, 0), (0, 0)), mode=modes[1])  # pyright: ignore[reportCallIssue, reportArgumentType]
     padded = np.pad(padded, ((0, 0), (1, 1), (0, 0)), mode=modes[0])  # pyright: ignore[reportCallIssue, reportArgumentType]
-    (low_y, high_y, weight_y), (low_x, high_x, weight_x) = (
-        _neighbours(count, size) for count, size in zip(shape, signal.shape, strict=False)
-    )
-    wide = padded[:, low_x] + (padded[:, high_x] - padded[:, low_x]) * weight_x[None, :, None]
-    return wide[low_y] + (wide[high_y] - wide[low_y]) * weight_y[:, None, None]
+    low_x, weight_x = _neighbours(_wrapped(s, wrap[0]), signal.shape[1])
+    low_y, weight_y = _neighbours(1 - _wrapped(t, wrap[1]), signal.shape[0])
+    wide = padded[:, low_x] + (padded[:, low_x + 1] - padded[:, low_x]) * weight_x[None, :, None]
+    return wide[low_y] + (wide[low_y + 1] - wide[low_y]) * weight_y[:, None, None]
 
 
-def _neighbours(count: int, size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Lower and upper texel of `count` pixels, numbered with one texel of border, and the upper one's weight."""
-    position = (np.arange(count) + 0.5) * (size / count) + 0.5
-    low = np.floor(position)
-    return low.astype(int), low.astype(int) + 1, (position - low).astype(np.float32)
+def _neighbours(coordinate: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
+    """Lower texel of coordinates in [0, 1], numbered with one texel of border, and the weight of the next one."""
+    position = coordinate * size + 0.5
+    low = np.floor(position).clip(0, size)
+    return low.astype(int), (position - low).astype(np.float32)

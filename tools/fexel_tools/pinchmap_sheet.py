@@ -20,8 +20,7 @@ import numpy as np
 
 from fexel.images import linear_to_srgb, srgb_to_linear
 from fexel_tools.contact_sheet import SheetRow, contact_sheet, write_png
-from fexel_tools.pinchmap_baking import reconstruct
-from fexel_tools.pinchmap_stage import busiest_window
+from fexel_tools.pinchmap_baking import WHOLE
 
 if TYPE_CHECKING:
     from fexel_tools.pinchmap import Pinchmap
@@ -44,7 +43,6 @@ _OTHER_RING = (255, 255, 255)
 _LABEL_CHARACTERS = 12.0  # a pixel width of one, at the size of row labels
 
 Window = tuple[float, float, float, float]  # s0, t0, s1, t1
-_WHOLE: Window = (0.0, 0.0, 1.0, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,11 +69,11 @@ def draw_panels(pinchmap: Pinchmap, item: PinchmapItem, longer_px: int, *, squar
     scale = longer_px / max(width, height)
     size = (max(1, round(width * scale)), max(1, round(height * scale)))
     plain = plain_texture(_premultiplied(pinchmap), item.nbytes, pinchmap.has_alpha, pinchmap.source.is_data)
-    whole = _marked(_pictures(pinchmap, plain, _WHOLE, size), item, size)
+    whole = _marked(_pictures(pinchmap, plain, WHOLE, size), item, size)
     if square:
         return Panels((SheetRow(_headline(item, longer_px), [_squared(picture, longer_px) for picture in whole]),))
     rows = [SheetRow(_headline(item, longer_px), whole)]
-    corners = busiest_window(pinchmap.fit.mask)
+    corners = pinchmap.detail_st
     if corners is not None:
         window = _shaped((*corners[0], *corners[2]), size, (width, height))
         rows.append(SheetRow(_faults_line(item), _pictures(pinchmap, plain, window, size)))
@@ -133,7 +131,7 @@ def _premultiplied(pinchmap: Pinchmap) -> np.ndarray:
 def _pictures(pinchmap: Pinchmap, plain: np.ndarray, window: Window, size: tuple[int, int]) -> list[np.ndarray]:
     """Original, result, plain texture and error of a window."""
     width, height = size
-    result = reconstruct(pinchmap.texels, pinchmap.signal, (height, width), pinchmap.wrap, window=window)
+    result = pinchmap.picture((height, width), window)
     is_data = pinchmap.source.is_data
     original, result, plain = (
         _displayed(picture, is_data)

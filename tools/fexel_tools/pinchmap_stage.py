@@ -23,6 +23,7 @@ import numpy as np
 from pxr import Gf, Sdf, Usd, UsdShade
 
 import fexel
+from fexel.homography import apply
 from fexel_tools.framing import camera_poses
 from fexel_tools.geometry import primitive
 from fexel_tools.texture_stage import MATERIALS, begin_stage, define_preview_surface, finish_stage
@@ -80,6 +81,8 @@ class PinchmapPrim:
         Linear, straight alpha.
     source : str
         Name of the file that it was made from.
+    matrix : (3, 3) float64 or None
+        From st of the picture to st of the pinchmap, row vectors: ``inputs:matrix``. None: they are the same.
     """
 
     file: str
@@ -93,6 +96,7 @@ class PinchmapPrim:
     line_width: float = 0.0
     line_color: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
     source: str = ""
+    matrix: np.ndarray | None = None
 
 
 def create_stage(path: Path, texture: PinchmapPrim, aspect: float, detail_st: np.ndarray | None = None) -> Usd.Stage:
@@ -116,19 +120,21 @@ def create_stage(path: Path, texture: PinchmapPrim, aspect: float, detail_st: np
     return stage
 
 
-def busiest_window(mask: np.ndarray) -> np.ndarray | None:
+def busiest_window(mask: np.ndarray, st_to_texture: np.ndarray | None = None) -> np.ndarray | None:
     """Find the square of a few texels that holds most of the lines.
 
     Parameters
     ----------
     mask : (Nh, Nw) bool
         Row 0 at the top.
+    st_to_texture : (3, 3) float64, optional
+        Row vectors, from the picture's st to the mask's; default: they are the same.
 
     Returns
     -------
     (4, 2) float64 or None
-        Its corners in st, counter-clockwise from the lower left; None for a mask without lines. Of equally busy ones
-        the one nearest to the middle.
+        Its corners in the picture's st, counter-clockwise from the lower left; None for a mask without lines. Of
+        equally busy ones the one nearest to the middle.
     """
     height, width = mask.shape
     lines = np.zeros(mask.shape)
@@ -143,7 +149,8 @@ def busiest_window(mask: np.ndarray) -> np.ndarray | None:
     row, column = np.unravel_index(np.argmax(windows - 0.25 * off_centre), windows.shape)
     s0, s1 = column / width, (column + columns) / width
     t0, t1 = 1.0 - (row + rows) / height, 1.0 - row / height
-    return np.array([[s0, t0], [s1, t0], [s1, t1], [s0, t1]])
+    corners = np.array([[s0, t0], [s1, t0], [s1, t1], [s0, t1]])
+    return corners if st_to_texture is None else apply(np.linalg.inv(st_to_texture), corners).clip(0.0, 1.0)
 
 
 def _define_material(stage: Usd.Stage, prim: PinchmapPrim) -> UsdShade.Material:
@@ -187,6 +194,8 @@ def define_texture(stage: Usd.Stage, prim: PinchmapPrim, path: str = TEXTURE_PAT
     if prim.is_biased:
         texture.CreateScaleAttr(Gf.Vec4f(2.0, 2.0, 2.0, 1.0))
         texture.CreateBiasAttr(Gf.Vec4f(-1.0, -1.0, -1.0, 0.0))
+    if prim.matrix is not None and not np.array_equal(prim.matrix, np.eye(3)):
+        texture.CreateMatrixAttr(Gf.Matrix3d(*prim.matrix.ravel().tolist()))
     if prim.line_width > 0.0:
         texture.CreateLineWidthAttr(prim.line_width)
         texture.CreateLineColorAttr(Gf.Vec4f(*prim.line_color))

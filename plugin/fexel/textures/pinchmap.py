@@ -10,12 +10,15 @@ from dataclasses import dataclass, replace
 
 from pxr import Usd
 
+from fexel import homography
 from fexel.textures.image_source import ImageSource, image_source
-from fexel.textures.inputs import Inputs, warn_of_filter
+from fexel.textures.inputs import Inputs, warn, warn_of_filter
 
 __all__ = ["PRIM_TYPES", "PinchmapData", "extract"]
 
 PRIM_TYPES = ("PinchmapTexture",)
+
+_IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 @dataclass(frozen=True)
@@ -34,6 +37,8 @@ class PinchmapData:
         Width of a solid line along the discontinuities in texels of the pinchmap, >= 0; 0 is none.
     line_color : 4-tuple
         Linear rgba, straight alpha.
+    st_to_texture : 3 tuples of 3
+        ``inputs:matrix``, for row vectors, from ``inputs:st`` to the texture's own coordinates; identity for a patch.
     """
 
     signal: ImageSource
@@ -41,6 +46,7 @@ class PinchmapData:
     antialias: float = 1.0
     line_width: float = 0.0
     line_color: tuple[float, ...] = (0.0, 0.0, 0.0, 1.0)
+    st_to_texture: tuple[tuple[float, ...], ...] = _IDENTITY
 
 
 def extract(prim: Usd.Prim, time: Usd.TimeCode, nested: bool = False) -> PinchmapData:
@@ -67,4 +73,13 @@ def extract(prim: Usd.Prim, time: Usd.TimeCode, nested: bool = False) -> Pinchma
         antialias=inputs.number("antialias", 1.0, 0.0),
         line_width=inputs.number("lineWidth", 0.0, 0.0),
         line_color=inputs.vector("lineColor", (0.0, 0.0, 0.0, 1.0)),
+        st_to_texture=_IDENTITY if nested else _matrix(inputs),
     )
+
+
+def _matrix(inputs: Inputs) -> tuple[tuple[float, ...], ...]:
+    matrix = inputs.matrix()
+    if not homography.is_usable(matrix[None])[0]:
+        warn(inputs.prim, "inputs:matrix", "is singular, not finite, or maps infinity into the texture; it is left out")
+        return _IDENTITY
+    return tuple(tuple(row) for row in matrix.tolist())
