@@ -193,13 +193,13 @@ def _best_of(textures: Sequence[ShapeTexture], alpha: np.ndarray) -> ShapeTextur
 
 
 @cache
-def msdfgen_module() -> Path | None:
-    """Folder of the Node package, installed when it is missing and npm can; None where that fails."""
+def msdfgen_module(install: bool = True) -> Path | None:
+    """Folder of the Node package, installed if it is missing and npm can do that; None where there is none."""
     if shutil.which("node") is None:
         return None
     home = Path(os.environ.get("FEXEL_MSDFGEN") or REPOSITORY / "out" / "bench" / "node")
     module = home / "node_modules" / "@circuitly" / "msdfgen"
-    if not module.is_dir() and shutil.which("npm"):
+    if not module.is_dir() and install and shutil.which("npm"):
         home.mkdir(parents=True, exist_ok=True)
         command = ["npm", "install", "--prefix", str(home), "--ignore-scripts", "--no-audit", "--no-fund", _MSDFGEN]
         subprocess.run(command, capture_output=True, check=False, timeout=_INSTALL_S)
@@ -259,15 +259,17 @@ def _thresholded(texels: np.ndarray, grid: Grid, shape: Shape) -> ShapeTexture:
 
 @numba.njit(cache=True)
 def _sample_median(texels, place, samples, result):
-    """Count samples only in pixels whose corners and centre do not agree."""
+    """Count samples only in pixels whose corners do not agree."""
     value = np.empty(3)
+    corners = np.empty((result.shape[0] + 1, result.shape[1] + 1), np.uint8)
+    for y in range(corners.shape[0]):
+        for x in range(corners.shape[1]):
+            corners[y, x] = _median(texels, place, y, x, value) > 0.5
     for y in range(result.shape[0]):
         for x in range(result.shape[1]):
-            count = _median(texels, place, y + 0.5, x + 0.5, value) > 0.5
-            for n in range(4):
-                count += _median(texels, place, y + n // 2, x + n % 2, value) > 0.5
-            if count % 5 == 0:
-                result[y, x] = count // 5
+            count = corners[y, x] + corners[y, x + 1] + corners[y + 1, x] + corners[y + 1, x + 1]
+            if count % 4 == 0:
+                result[y, x] = count // 4
                 continue
             count = 0
             for n in range(samples * samples):
