@@ -12,6 +12,7 @@ fexel:DataColorSpace       masks and pinchmaps that carry a colour space
 fexel:Fallback             outputs without a self-contained UsdUVTexture for applications that do not know fexel
 fexel:FallbackTypes        a stage that does not say what its fexel prims are to be taken for elsewhere
 fexel:Limits               values outside the range or the tokens that the schema allows
+fexel:Pinchmap             pinchmaps without four finite channels in [-1, 1], or of a size unlike their signal's
 fexel:UmbrellaArrays       arrays of umbrellas whose lengths or indices disagree
 =========================  =========================================================================================
 

@@ -13,14 +13,13 @@ from fexel.images import ImageInfo, image_info, read_pixels
 from fexel.packages import local_file
 from fexel.validators.fault import Fault, authored_values
 
-__all__ = ["check_files", "image_header", "resolved_files"]
+__all__ = ["check_files", "file_version", "image_header", "resolved_files"]
 
 _FILE_ATTRIBUTES = ("inputs:file", "inputs:mask", "inputs:pinchmap", "file")
-_PINCHMAP_CHANNELS = 4
 
 
 def check_files(prim: Usd.Prim) -> Iterator[Fault]:
-    """Missing, unreadable and truncated images, and pinchmaps that do not have four channels."""
+    """Missing, unreadable and truncated images."""
     for name in _FILE_ATTRIBUTES:
         attribute = prim.GetAttribute(name)
         for when, asset in authored_values(attribute):
@@ -40,9 +39,7 @@ def _check_asset(attribute: Usd.Attribute, asset: Sdf.AssetPath) -> None:
     if not files:
         raise FexelError(f"{asset.path}: no such file")
     for file in files:
-        _read_last_row(file, *_version(file))
-        if attribute.GetBaseName() == "pinchmap" and (channels := image_header(file).channels) != _PINCHMAP_CHANNELS:
-            raise FexelError(f"{asset.path}: {channels} channels, expected 4 (d_s, d_t, k, gamma)")
+        _read_last_row(file, *file_version(file))
 
 
 def resolved_files(attribute: Usd.Attribute, asset: Sdf.AssetPath) -> list[str]:
@@ -58,10 +55,11 @@ def resolved_files(attribute: Usd.Attribute, asset: Sdf.AssetPath) -> list[str]:
 
 def image_header(path: str) -> ImageInfo:
     """`fexel.images.image_info`, remembered as long as the file does not change."""
-    return _header(path, *_version(path))
+    return _header(path, *file_version(path))
 
 
-def _version(path: str) -> tuple[int, int]:
+def file_version(path: str) -> tuple[int, int]:
+    """Time of the last change, ns, and size in bytes: what is known of a file holds as long as these stay."""
     try:
         status = os.stat(local_file(path))
     except OSError as error:

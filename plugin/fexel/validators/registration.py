@@ -12,6 +12,7 @@ from fexel.validators.color_space import check_data_files, check_surface
 from fexel.validators.fallback import check_fallback, check_fallback_types
 from fexel.validators.fault import Fault
 from fexel.validators.files import check_files
+from fexel.validators.pinchmap import check_pinchmap
 from fexel.validators.placement import check_depth, check_matrix, check_parent
 from fexel.validators.umbrella import check_umbrella_arrays
 from fexel.validators.values import check_limits
@@ -71,6 +72,12 @@ _PRIM_VALIDATORS = (
         "Values must lie within the limits and tokens of the schema.",
         (_TEXTURE, "FexelUmbrellaLevel"),
         check_limits,
+    ),
+    _PrimValidator(
+        "fexel:Pinchmap",
+        "A pinchmap must have four finite channels in [-1, 1] and go with the size of its signal.",
+        ("FexelPinchmapTexture",),
+        check_pinchmap,
     ),
     _PrimValidator(
         "fexel:UmbrellaArrays",
