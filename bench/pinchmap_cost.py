@@ -1,9 +1,9 @@
 """Cost of a pinchmap lookup over one plain mip-mapped lookup, 1024 x 1024 pixels, in turns within one run.
 
-A pinchmap of 64 x 64 texels with random lines and an sRGB signal twice as fine, anti-aliased, through the renderer's own
-path. The plain lookup is GL's trilinear filter on a texture of the signal's format, between levels 0 and 1 so that it
-blends two, as for zipmaps; the same filter on the very signal, magnified, where it reads one level, is given beside it.
-Lit, whole frames are compared: the same quad under six lights, with the pinchmap or with a UsdUVTexture of that picture.
+A pinchmap of 64 x 64 texels with random lines and an sRGB signal twice as fine, anti-aliased, through the renderer's
+own path. The plain lookup is GL's trilinear filter on a texture of the signal's format, between levels 0 and 1 so that
+it blends two, as for zipmaps; beside it stands the same filter on the very signal, magnified, where it reads one level.
+Lit, whole frames are compared: a quad under six lights, with the pinchmap or with a UsdUVTexture as large as the frame.
 Times are CPU times of the process: the software rasteriser's threads count, other processes do not.
 """
 
@@ -37,7 +37,7 @@ _LIGHTS = ((-1, 1), (1, 1), (-1, -1), (1, -1), (0, 1.5), (0, -1.5))
 
 
 def cpu_times(contenders: dict[str, Callable[[], object]], repeats: int) -> dict[str, np.ndarray]:
-    """CPU seconds of each contender by turn, taken alternately, in an order that reverses; one turn before is left out."""
+    """CPU seconds of each contender by turn, in alternating order; the first turn is left out."""
     times: dict[str, list[float]] = {name: [] for name in contenders}
     for turn in range(-1, repeats):
         for name in list(contenders) if turn % 2 == 0 else list(contenders)[::-1]:
