@@ -1,8 +1,9 @@
 """Images that say by hand which side, or which region, a pixel belongs to.
 
-Two meanings are told apart by what the image holds. If at least `_LEVELS` values (or colours) cover nearly all of it,
-each by a fair share, they are labels of regions. Otherwise it is the side itself: above half is one side, and values
-between are where the boundary is soft. Two values on one half, such as the labels 0 and 1 in 8 bits, are stretched.
+Two meanings are told apart by what the image holds. If at least `_LEVELS` values (or colours) fill areas, each a fair
+share, and these cover most of it, they are labels of regions. Otherwise it is the side itself: above half is one
+side, and values between are where the boundary is soft. Two values on one half, such as the labels 0 and 1 in 8 bits,
+are stretched.
 """
 
 from __future__ import annotations
@@ -14,8 +15,9 @@ from scipy import ndimage
 __all__ = ["find_labels", "stretched_side"]
 
 _LEVELS = 3
-_SHARE = 0.002  # of the pixels: what one label has at least; an anti-aliased rim has less of each of its values
-_COVERED = 0.9  # of the pixels: what all labels have together
+_SHARE = 0.002  # of the pixels: what one label has at least, without its rim
+_COVERED = 0.7  # of the pixels: what all labels have together, without their rims
+_STRETCHED = 0.9  # of the pixels: what the two values of a side that is stretched have at least
 
 
 def find_labels(values: NDArray[np.float32]) -> NDArray[np.int32] | None:
@@ -33,8 +35,10 @@ def find_labels(values: NDArray[np.float32]) -> NDArray[np.int32] | None:
         image is no label image.
     """
     keys = _keys(values)
-    _, index, counts = np.unique(keys, return_inverse=True, return_counts=True)
-    index = index.reshape(keys.shape)
+    levels, index = np.unique(keys, return_inverse=True)
+    index = index.reshape(keys.shape).astype(np.int32)
+    inside = (ndimage.minimum_filter(index, 3) == index) & (ndimage.maximum_filter(index, 3) == index)
+    counts = np.bincount(index[inside], minlength=len(levels))
     is_label = counts >= max(_SHARE * keys.size, 1)
     if np.count_nonzero(is_label) < _LEVELS or counts[is_label].sum() < _COVERED * keys.size:
         return None
@@ -64,4 +68,4 @@ def stretched_side(side: NDArray[np.float32]) -> NDArray[np.float32]:
     if least == most or least <= 0.5 < most:
         return side
     extremes = np.count_nonzero((side == least) | (side == most))
-    return (side - least) / (most - least) if extremes >= _COVERED * side.size else side
+    return (side - least) / (most - least) if extremes >= _STRETCHED * side.size else side

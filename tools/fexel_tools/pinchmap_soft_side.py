@@ -19,7 +19,7 @@ __all__ = ["soft_side"]
 _BAND_PX = 3.0  # coarse pixels, on either side: where the colours decide
 _INNER_PX = 4.0  # coarse pixels from the boundary: from here on a pixel counts fully as its side's
 _MEAN_PX = 15  # coarse pixels, width of the local means
-_CONTRAST = 0.05  # of the feature range: where the two sides differ by this, colours and coarse boundary weigh the same
+_CONTRAST = 0.02  # of the feature range: where the two sides differ by this, colours and coarse boundary weigh the same
 
 Gather = Callable[[NDArray[np.int64], NDArray[np.int64]], NDArray[np.float32]]
 
