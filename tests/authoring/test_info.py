@@ -90,8 +90,25 @@ def test_command_prints_json(stage_file):
     assert [p["file"] for p in texture["patches"]][:2] == ["./root.png", "./fine.png"]
 
 
-def test_stage_without_zipmap_says_so_and_a_missing_one_is_an_error(tmp_path):
+def test_pinchmap_is_shown_with_its_map_alone_or_as_a_patch(stage_file):
+    folder = stage_file.parent
+    write_image(folder / "map.png", np.full((8, 16, 4), 127, np.uint8))
+    stage = Usd.Stage.Open(str(stage_file))
+    for path in ("/Wall/Logo", "/Sign"):
+        pinchmap = fexel.PinchmapTexture.Define(stage, path)
+        pinchmap.CreateFileAttr("./root.png")
+        pinchmap.CreatePinchmapAttr("./map.png")
+    stage.Save()
+    wall, sign = inspect_stage(stage_file)
+    assert [patch.path for patch in sign.patches] == ["/Sign"]
+    assert wall.patches[-1].others == sign.patches[0].others == {"pinchmap": (16, 8)}
+    assert sign.bytes_on_disk == sum((folder / f).stat().st_size for f in ("root.png", "map.png"))
+    output = CliRunner().invoke(app, ["info", str(stage_file)]).output
+    assert output.count("./root.png + pinchmap 16 x 8") == 2
+
+
+def test_stage_without_texture_says_so_and_a_missing_one_is_an_error(tmp_path):
     Usd.Stage.CreateNew(str(tmp_path / "bare.usda")).Save()
-    assert "no zipmap" in CliRunner().invoke(app, ["info", str(tmp_path / "bare.usda")]).output
+    assert "no fexel texture" in CliRunner().invoke(app, ["info", str(tmp_path / "bare.usda")]).output
     with pytest.raises(FexelError, match="no such file"):
         inspect_stage(tmp_path / "gone.usda")

@@ -12,15 +12,17 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from pxr import Usd, UsdShade
+from pxr import Sdf, Usd, UsdShade
 
 import fexel
 from fexel import homography
 from fexel.errors import FexelError
 from fexel.images import ImageInfo, image_info
+from fexel.schema.wrapper import is_a
+from fexel.schema.zipmap import patches_of
 from fexel.stage import open_stage
 
-__all__ = ["PatchInfo", "TextureInfo", "inspect_stage", "zipmap_roots"]
+__all__ = ["PatchInfo", "TextureInfo", "inspect_stage", "texture_roots", "zipmap_roots"]
 
 
 @dataclass(frozen=True)
@@ -43,9 +45,11 @@ class PatchInfo:
         Texels per root texel along an axis; 1 for the root.
     opacity : float
     bytes_on_disk, bytes_resident : int
-        Of the file and of the mask, whether or not another patch has the same.
+        Of all its files, whether or not another patch has the same.
+    others : dict of str to (int, int) or None
+        Its other files by the input that names them, such as ``mask`` and ``pinchmap``: texels, None when unreadable.
     problem : str
-        What is wrong with the file, or ''.
+        What is wrong with a file, or ''.
     """
 
     path: str
@@ -58,6 +62,7 @@ class PatchInfo:
     opacity: float
     bytes_on_disk: int
     bytes_resident: int
+    others: dict[str, tuple[int, int] | None]
     problem: str = ""
 
 
@@ -99,7 +104,7 @@ class _File:
 
 
 def inspect_stage(stage: str | Path | Usd.Stage) -> tuple[TextureInfo, ...]:
-    """Describe every zipmap of a stage that is not a patch of another.
+    """Describe every texture of a stage that is not a patch of another.
 
     Parameters
     ----------
@@ -111,26 +116,29 @@ def inspect_stage(stage: str | Path | Usd.Stage) -> tuple[TextureInfo, ...]:
         The stage cannot be opened. A missing or damaged image is not an error but a `PatchInfo.problem`.
     """
     opened = stage if isinstance(stage, Usd.Stage) else open_stage(stage)
-    return tuple(_inspect_texture(root) for root in zipmap_roots(opened))
+    return tuple(_inspect_texture(root) for root in texture_roots(opened))
 
 
-def zipmap_roots(stage: Usd.Stage) -> list[fexel.ZipmapTexture]:
-    """The ZipmapTextures of a stage that are not patches of another texture, in stage order."""
+def texture_roots(stage: Usd.Stage) -> list[Usd.Prim]:
+    """The FexelTextures of a stage that are not patches of another texture, in stage order."""
     roots = []
     prims = iter(Usd.PrimRange.Stage(stage, Usd.TraverseInstanceProxies(Usd.PrimDefaultPredicate)))
     for prim in prims:
-        texture = fexel.ZipmapTexture(prim)
-        if texture:
-            roots.append(texture)
+        if is_a(prim, "FexelTexture"):
+            roots.append(prim)
             prims.PruneChildren()
     return roots
 
 
-def _inspect_texture(root: fexel.ZipmapTexture) -> TextureInfo:
+def zipmap_roots(stage: Usd.Stage) -> list[fexel.ZipmapTexture]:
+    """Those of `texture_roots` that are ZipmapTextures."""
+    return [texture for prim in texture_roots(stage) if (texture := fexel.ZipmapTexture(prim))]
+
+
+def _inspect_texture(root: Usd.Prim) -> TextureInfo:
     files: dict[str, _File] = {}
-    patches = root.GetPatches()
     entries: list[PatchInfo] = []
-    for patch in patches:
+    for patch in patches_of(root):
         entries.append(_inspect_patch(patch, entries, files))
     fallback, fallback_size = _fallback(root)
     return TextureInfo(
@@ -147,9 +155,9 @@ def _inspect_texture(root: fexel.ZipmapTexture) -> TextureInfo:
 
 def _inspect_patch(patch: fexel.Patch, before: list[PatchInfo], files: dict[str, _File]) -> PatchInfo:
     authored, file = _file(patch.prim, "inputs:file", files)
-    mask_name, mask = _file(patch.prim, "inputs:mask", files)
+    others = {name: _file(patch.prim, f"inputs:{name}", files) for name in _other_files(patch.prim)}
     size = (file.info.width, file.info.height) if file.info else (None, None)
-    problem = file.problem or (f"mask {mask_name}: {mask.problem}" if mask_name and mask.problem else "")
+    problems = [f"{name} {path}: {other.problem}" for name, (path, other) in others.items() if other.problem]
     return PatchInfo(
         path=str(patch.path),
         type=str(patch.prim.GetTypeName()),
@@ -159,10 +167,18 @@ def _inspect_patch(patch: fexel.Patch, before: list[PatchInfo], files: dict[str,
         height=size[1],
         gain=_gain(patch, size, before),
         opacity=patch.opacity,
-        bytes_on_disk=file.disk + mask.disk,
-        bytes_resident=file.resident + mask.resident,
-        problem=problem,
+        bytes_on_disk=file.disk + sum(other.disk for _, other in others.values()),
+        bytes_resident=file.resident + sum(other.resident for _, other in others.values()),
+        others={name: (o.info.width, o.info.height) if o.info else None for name, (_, o) in others.items()},
+        problem=file.problem or "; ".join(problems),
     )
+
+
+def _other_files(prim: Usd.Prim) -> list[str]:
+    """Inputs besides ``file`` by which a texture names files."""
+    assets = [a.GetBaseName() for a in prim.GetAuthoredAttributes() if a.GetTypeName() == Sdf.ValueTypeNames.Asset]
+    named = [name for name in assets if name != "file"]
+    return [name for name in named if getattr(prim.GetAttribute(f"inputs:{name}").Get(), "path", "")]
 
 
 def _gain(patch: fexel.Patch, size: tuple[int | None, int | None], before: list[PatchInfo]) -> float | None:
@@ -210,8 +226,8 @@ def _resident_bytes(info: ImageInfo) -> int:
         width, height = max(1, width // 2), max(1, height // 2)
 
 
-def _fallback(root: fexel.ZipmapTexture) -> tuple[str, tuple[int, int] | None]:
-    output = root.GetOutput("rgb")
+def _fallback(root: Usd.Prim) -> tuple[str, tuple[int, int] | None]:
+    output = UsdShade.NodeGraph(root).GetOutput("rgb")
     source = output.GetConnectedSources()[0] if output else []
     shader = UsdShade.Shader(source[0].source.GetPrim()) if source else None
     if not shader or not shader.GetInput("file"):

@@ -13,7 +13,7 @@ from fexel.schema.accessors import ZipmapTextureAccessors
 from fexel.schema.texture import FexelTexture
 from fexel.schema.wrapper import is_a
 
-__all__ = ["Patch", "ZipmapTexture"]
+__all__ = ["Patch", "ZipmapTexture", "patches_of"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,11 +63,15 @@ class ZipmapTexture(ZipmapTextureAccessors, FexelTexture):
         time : Usd.TimeCode or float
             At which matrices and opacities are evaluated.
         """
-        patches: list[Patch] = []
-        if self:
-            with np.errstate(all="ignore"):  # an authored NaN or Inf is passed on as it is
-                _append(patches, self.GetPrim(), Usd.TimeCode(time))
-        return patches
+        return patches_of(self.GetPrim(), time) if self else []
+
+
+def patches_of(root: Usd.Prim, time: Usd.TimeCode | float = Usd.TimeCode.Default()) -> list[Patch]:  # noqa: B008 - immutable
+    """As `ZipmapTexture.GetPatches`, of a FexelTexture of any kind: one that is no zipmap is alone in its list."""
+    patches: list[Patch] = []
+    with np.errstate(all="ignore"):  # an authored NaN or Inf is passed on as it is
+        _append(patches, root, Usd.TimeCode(time))
+    return patches
 
 
 def _append(patches: list[Patch], root: Usd.Prim, time: Usd.TimeCode) -> None:

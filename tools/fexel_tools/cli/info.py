@@ -20,7 +20,7 @@ def _info(
     stage: Annotated[Path, typer.Argument(help="USD stage: .usd, .usda, .usdc or .usdz.", show_default=False)],
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
 ) -> None:
-    """Show a stage's zipmaps: patches, nesting, resolution gained, bytes on disk and resident.
+    """Show a stage's textures: patches, nesting, resolution gained, bytes on disk and resident.
 
     Gained: texels per root texel along an axis. Resident: bytes of all mip levels at full resolution, the most that a
     picture can need. Exit status 0 also when images are missing; those are marked.
@@ -34,7 +34,7 @@ def _info(
         typer.echo(json.dumps([asdict(texture) for texture in textures], indent=1))
         return
     if not textures:
-        typer.echo(f"{stage}: no zipmap")
+        typer.echo(f"{stage}: no fexel texture")
     for texture in textures:
         _show(texture)
 
@@ -52,7 +52,7 @@ def _show(texture: Any) -> None:
         name = "  " * patch.depth + (patch.path.rpartition("/")[2] if patch.depth else texture.path)
         size = f"{patch.width} x {patch.height}" if patch.width else "-"
         gain = f"{patch.gain:.2f}" if patch.gain is not None else "-"
-        file = Text(patch.file or "-")
+        file = Text(" ".join([patch.file or "-", *(_other(name, other) for name, other in patch.others.items())]))
         if patch.problem:
             file.append(f"  ({patch.problem})", style="bold red")
         disk, resident = _bytes(patch.bytes_on_disk), _bytes(patch.bytes_resident)
@@ -61,6 +61,10 @@ def _show(texture: Any) -> None:
         console.width = 1000  # a pipe has no width: lines are not broken
     console.print(table)
     console.print(Text(_summary(texture)))
+
+
+def _other(name: str, size: tuple[int, int] | None) -> str:
+    return f"+ {name} {size[0]} x {size[1]}" if size else f"+ {name}"
 
 
 def _summary(texture: Any) -> str:
