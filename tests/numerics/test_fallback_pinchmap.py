@@ -12,8 +12,10 @@ import fexel
 from fexel import homography
 from fexel.errors import FexelWarning
 from fexel.images import image_info, read_linear, read_pixels
+from fexel.textures import extract_texture
 from fexel.textures.pinchmap_twin import edge, sample_pinchmap
 from fexel_tools import fallback
+from fexel_tools.baking import texture_baker
 from fexel_tools.image_files import write_image
 from fexel_tools.pinchmap_baking import reconstruct
 from fexel_tools.pinchmap_mask import channels
@@ -117,7 +119,7 @@ def test_prim_is_baked_as_its_files_say(rng, stage):
     baked = fallback.bake(texture.GetPrim(), 100)
     assert baked.shape == (100, 100, 4)
     assert np.abs(baked - reconstruct(pinchmap, signal, (100, 100))).max() < 0.02  # 8 bits of sRGB, linearised
-    assert fallback.bake(texture.GetPrim(), 100_000).shape == (256, 256, 4), "16 pixels per texel show its curves"
+    assert fallback.bake(texture.GetPrim(), 100_000).shape == (192, 192, 4), "12 pixels per texel show its curves"
 
 
 def test_antialias_of_the_prim_does_not_blur_the_picture(rng, stage):
@@ -137,8 +139,8 @@ def test_line_is_baked_in_its_own_colour_whatever_the_scale(rng, stage):
     texture.CreateLineColorAttr(Gf.Vec4f(0.5, 0.25, 0.75, 1.0))
     texture.CreateScaleAttr(Gf.Vec4f(2.0, 2.0, 2.0, 1.0))
     texture.CreateBiasAttr(Gf.Vec4f(-1.0, -1.0, -1.0, 0.0))
-    shown = fallback.bake(texture.GetPrim(), 256)[..., :3] * 2 - 1
-    on_line = np.abs(edge(pinchmap, centres(256, 256))).reshape(256, 256) < 0.02
+    shown = fallback.bake(texture.GetPrim(), 192)[..., :3] * 2 - 1
+    on_line = np.abs(edge(pinchmap, centres(192, 192))).reshape(192, 192) < 0.02
     assert on_line.sum() > 100
     assert np.abs(shown[on_line] - (0.5, 0.25, 0.75)).max() < 0.02
     assert np.abs(shown[0, 0] + 0.5).max() < 0.01
@@ -238,3 +240,23 @@ def test_pinchmap_in_a_zipmap_is_baked_sharply_in_place(rng, tmp_path, stage, op
 def test_zipmap_without_room_for_detail_is_not_larger_than_asked(rng, tmp_path, stage):
     zipmap, _, _ = zipmap_with_emblem(rng, tmp_path, stage)
     assert fallback.bake(zipmap.GetPrim(), 60).shape == (40, 60, 4)
+
+
+@pytest.mark.parametrize(
+    "matrix", [[[1.25, 0, 0], [0, 1.1, 0], [-0.1, 0.05, 1]], [[1, 0.2, 0.1], [-0.3, 1.2, 0], [0, 0, 1]]]
+)
+@pytest.mark.parametrize("size", [96, 10])
+def test_matrix_of_the_prim_places_the_picture(rng, stage, matrix, size):
+    """Also outside of the texture's own square, where it goes on as its wrap mode says."""
+    pinchmap, signal = emblem(rng)
+    texture = define(stage, "/Mat/Texture", pinchmap, signal)
+    texture.CreateMatrixAttr(Gf.Matrix3d(*np.ravel(matrix).tolist()))
+    baker = texture_baker("pinchmap", extract_texture(texture.GetPrim(), Usd.TimeCode.Default())[1], "/Mat/Texture")
+    baked = baker.bake(size, size)
+    samples = -(-192 // size)
+    st = homography.apply(np.array(matrix), centres(size * samples, size * samples))
+    truth = sample_pinchmap(pinchmap, premultiplied(signal), st, None)
+    truth = truth.reshape(size, samples, size, samples, 4).mean(axis=(1, 3))
+    error = np.abs(baked - truth)
+    assert error.mean() < (0.005 if size == 96 else 0.04)
+    assert error.max() < 0.5

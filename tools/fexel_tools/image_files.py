@@ -13,6 +13,9 @@ from fexel.errors import FexelError
 __all__ = ["write_image"]
 
 _TYPES = {"uint8": "uint8", "uint16": "uint16", "float16": "half", "float32": "float"}
+# Deflate level of PNG. Measured on a 512 x 512 RGBA picture of a drawing: 26 ms and 154 kB; the library's 6 takes 52 ms
+# and 127 kB, 1 takes 23 ms and 172 kB.
+_PNG_LEVEL = 3
 _COLOR_SPACES = {"sRGB": "srgb_rec709_scene", "raw": "lin_rec709_scene"}
 
 
@@ -41,6 +44,7 @@ def write_image(path: str | Path, pixels: np.ndarray, color_space: str = "sRGB")
     if channels == 4 and pixels.dtype.kind == "u":
         spec.attribute("oiio:UnassociatedAlpha", 1)
     spec.attribute("CompressionQuality", 95)  # of JPEG
+    spec.attribute("png:compressionLevel", _PNG_LEVEL)
     beside = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
     try:
         writer = oiio.ImageOutput.create(str(beside))

@@ -26,7 +26,7 @@ __all__ = ["WHOLE", "baker", "reconstruct"]
 WHOLE = (0.0, 0.0, 1.0, 1.0)
 """All of st in [0, 1], as a window (s0, t0, s1, t1)."""
 
-_PIXELS_PER_TEXEL = 16
+_PIXELS_PER_TEXEL = 12
 _BLOCK = 1 << 17  # points looked up at a time
 _UNPLACED = np.eye(3)
 _NEAREST_W = 1e-9  # of the homogeneous coordinate: what lies nearer to infinity is not drawn
