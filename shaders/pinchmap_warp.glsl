@@ -57,7 +57,7 @@ float pinch_rectify(vec2 d, float kB, vec2 position)
 vec2 pinch_direction(vec2 d, float k, float kB)
 {
     // 1e-6 is for the end of a segment, where d vanishes with the divisor.
-    return clamp(d / (1.0 - max(k, abs(kB)) + 1e-6), -1.0, 1.0);
+    return clamp(d / max(1.0 - max(k, abs(kB)), 1e-6), -1.0, 1.0);
 }
 
 // Displacement, in pinchmap texels.
@@ -70,7 +70,7 @@ vec2 pinch_displace(vec4 texel, vec2 position, vec2 gradient, float h, float ant
     float away = abs(edge);
     float side = edge > 0.0 ? 1.0 : -1.0;
     float rest = 1.0 - side * (texel.z < 0.0 ? -k : k);    // from here to the end of the segment
-    float scale = 1.0 / (rest + away + 1e-6);              // 1e-6 is for a line at the very end
+    float scale = 1.0 / max(rest + away, 1e-6);            // 1e-6 is for a line at the very end
     float seen = clamp(0.5 * footprint, h, 0.5);
     float slope = 2.0 * seen * inversesqrt(max(antialias * antialias * dot(gradient, gradient), 1e-20));
     float target = clamp(away * slope, away * scale, (away + seen * rest) * scale);

@@ -336,9 +336,9 @@ class _Segment:
         self._away = np.abs(self.edge)
         self._side = np.where(self.edge > 0, 1.0, -1.0)
         k = _rectified(d, k_b, fraction)
-        self._direction = np.clip(d / (1 - np.maximum(np.abs(k), np.abs(k_b)) + _GUARD)[:, None], -1, 1)
+        self._direction = np.clip(d / np.maximum(1 - np.maximum(np.abs(k), np.abs(k_b)), _GUARD)[:, None], -1, 1)
         self._rest = 1 - self._side * k  # from here to the end of the segment
-        self._scale = 1 / (self._rest + self._away + _GUARD)  # 1 over the whole way from the line to there
+        self._scale = 1 / np.maximum(self._rest + self._away, _GUARD)  # 1 over the whole way from the line to there
 
     def displacement(self, h: float, width: NDArray[np.float64], footprint: NDArray[np.float64]) -> NDArray[np.float64]:
         """(M, 2), in pinchmap texels; width of the transition in units of k, footprint in texels."""
