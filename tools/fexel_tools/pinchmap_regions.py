@@ -23,14 +23,16 @@ from numpy.typing import NDArray
 
 from fexel_tools.pinchmap_soft_side import soft_side
 from fexel_tools.region_features import RegionFeatures
-from fexel_tools.region_graph import RegionGraph, build_graph, merge_regions
+from fexel_tools.region_graph import RegionGraph, absorb_regions, build_graph, merge_regions
 from fexel_tools.region_seeds import basins, color_parts, connected_parts
 from fexel_tools.two_sides import two_sides
 
 __all__ = ["LostBoundary", "RegionSides", "label_sides", "region_sides"]
 
 _VISIBLE = 10.0  # CIELAB units: a step that is worth a discontinuity
-_LEAST_AREA = 1 / 40  # of the longer side, squared: smaller than a texel of the usual maps
+_LEAST_ACROSS = 1.25  # texels: of a region of less area than its square nothing is seen
+_LEAST_WIDTH = 1.3  # texels: a region that is narrower everywhere breaks into beads
+_ROUNDS = 4  # of joining narrow regions; the union of two may be narrow still
 _MOST_REGIONS = 200
 
 
@@ -80,6 +82,7 @@ def region_sides(
     *,
     colors: int | None = None,
     is_data: bool = False,
+    texels: int = 48,
     seed: int = 0,
 ) -> RegionSides:
     """Find regions and give them two sides.
@@ -93,6 +96,8 @@ def region_sides(
         How many colours to tell apart; default: boundaries are found by themselves.
     is_data : bool
         A normal map, or other data.
+    texels : int
+        Of the pinchmap, along its longer side: regions that are too small or too narrow for it are left out.
     seed : int
 
     Returns
@@ -104,13 +109,38 @@ def region_sides(
     features = picture.features()
     labels = basins(features) if colors is None else color_parts(features, colors, seed)
     graph = build_graph(labels, features)
-    least_area = (max(labels.shape) * _LEAST_AREA) ** 2
+    texel_px = max(labels.shape) / texels
+    least_area = (_LEAST_ACROSS * texel_px) ** 2
     graph, number = merge_regions(graph, _VISIBLE if colors is None else 0.0, least_area, _MOST_REGIONS)
-    labels = number[labels]
+    graph, labels = _without_narrow(graph, number[labels], _LEAST_WIDTH * texel_px)
     weight = graph.length * graph.contrast
     chosen = two_sides(len(graph.area), graph.edges, weight, seed)
     side = soft_side(_background_is_0(chosen[labels]), picture.mixtures(), picture.gather, opacity.shape)
     return RegionSides(side, len(graph.area), *_losses(graph, weight, chosen, labels, opacity.shape))
+
+
+def _without_narrow(
+    graph: RegionGraph, labels: NDArray[np.int32], least_width: float
+) -> tuple[RegionGraph, NDArray[np.int32]]:
+    """Regions that are nowhere as wide as `least_width`, pixels, joined with the neighbour they differ from least."""
+    for _ in range(_ROUNDS):
+        narrow = _widths(labels, len(graph.area)) < least_width
+        if not narrow.any() or not len(graph.edges):
+            break
+        graph, number = absorb_regions(graph, narrow)
+        labels = number[labels]
+    return graph, labels
+
+
+def _widths(labels: NDArray[np.int32], count: int) -> NDArray[np.float64]:
+    """(R,) diameter of the largest disc within each region, pixels; the picture's border does not count."""
+    kernel = np.ones((3, 3), np.uint8)
+    values = labels.astype(np.float32)
+    inside = (cv2.dilate(values, kernel) == cv2.erode(values, kernel)).astype(np.uint8)
+    distance = cv2.distanceTransform(inside, cv2.DIST_L2, cv2.DIST_MASK_5)  # 0 at the pixels beside a boundary
+    radius = np.zeros(count)
+    np.maximum.at(radius, labels.ravel(), distance.ravel())
+    return 2 * radius + 1
 
 
 def label_sides(

@@ -40,6 +40,7 @@ LONGEST_SIDE_PX = 4096
 _DRAWING_SIDE_PX = 1024  # of an SVG, at least
 _PIXELS_PER_TEXEL = 16  # of an SVG: with anti-aliasing a boundary is known to 1/200 texel, what 8 bits of gamma resolve
 _MOST_COLORS = 64
+_TEXELS = (48, 48)  # of a map whose size is not known
 _STRIP_ROWS = 512  # of a large source, reduced at a time
 
 
@@ -90,7 +91,7 @@ def load_source(
         SVG, or any format that OpenImageIO reads.
     size : (int, int), optional
         Texels of the pinchmap to be made; only the larger matters. An SVG is drawn with 16 pixels a texel, at least
-        1024 and at most `LONGEST_SIDE_PX` on its longer side.
+        1024 and at most `LONGEST_SIDE_PX` on its longer side; regions too small or too narrow for it are left out.
     regions : str, optional
         ``auto``, or a number of colours: sides from regions of the picture, see `pinchmap_regions`; or an image, as
         `mask`. Without either, the side is the alpha.
@@ -122,19 +123,26 @@ def load_source(
         _check_alpha(path, alpha)
         return PinchmapSource(path, bleed_color(color, opacity), opacity, opacity, raw, bits)
     color = bleed_color(color, opacity)
-    found = _find_sides(path, color, opacity, str(regions or mask), raw, seed)
+    found = _find_sides(path, color, opacity, str(regions or mask), raw, max(size or _TEXELS), seed)
     side = found.side if isinstance(found, RegionSides) else found
     return PinchmapSource(path, color, opacity, side, raw, bits, found if isinstance(found, RegionSides) else None)
 
 
 def _find_sides(
-    path: Path, color: NDArray[np.float32], opacity: NDArray[np.float32], regions: str, raw: bool, seed: int
+    path: Path,
+    color: NDArray[np.float32],
+    opacity: NDArray[np.float32],
+    regions: str,
+    raw: bool,
+    texels: int,
+    seed: int,
 ) -> RegionSides | NDArray[np.float32]:
     """From regions of the picture, or from a file."""
     if regions == "auto" or regions.isdigit():
         if regions != "auto" and not 2 <= int(regions) <= _MOST_COLORS:
             raise FexelError(f"{path}: {regions} regions, expected auto, 2 to {_MOST_COLORS} colours, or an image")
-        found = region_sides(color, opacity, colors=int(regions) if regions != "auto" else None, is_data=raw, seed=seed)
+        colors = None if regions == "auto" else int(regions)
+        found = region_sides(color, opacity, colors=colors, is_data=raw, texels=texels, seed=seed)
         if not (found.side > 0.5).any():
             raise FexelError(f"{path}: no boundary that is worth a discontinuity was found; pass a mask")
         return found

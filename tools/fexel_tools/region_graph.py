@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["RegionGraph", "build_graph", "merge_regions"]
+__all__ = ["RegionGraph", "absorb_regions", "build_graph", "merge_regions"]
 
 _REACH_PX = 3  # how far from a boundary the features are taken, at most: past the blur of the edge
 _MUCH = 4.0  # times larger
@@ -142,33 +142,63 @@ def merge_regions(
             threshold = max(1.2 * threshold, 1.05 * float(graph.difference.min()) + 1e-9)  # 1e-9: above a minimum of 0
             stages = [(threshold, least_area)]
         limit = stages.pop(0)
-        while (target := _targets(graph, *limit)) is not None:
-            graph, renumbered = _joined(graph, target)
+        while (wanted := _wanted(graph, *limit)).any():
+            graph, renumbered = _joined(graph, _targets(graph, wanted))
             number = renumbered[number]
     return graph, number.astype(np.int32)
 
 
-def _targets(graph: RegionGraph, threshold: float, least_area: float) -> NDArray[np.int64] | None:
-    """The region that each is joined to, itself for most; None where nothing is left to join.
+def absorb_regions(graph: RegionGraph, weak: NDArray[np.bool_]) -> tuple[RegionGraph, NDArray[np.int32]]:
+    """Join each region that is marked with the neighbour that it differs from least.
+
+    Parameters
+    ----------
+    graph : RegionGraph
+    weak : (R,) bool
+
+    Returns
+    -------
+    As `merge_regions`.
+    """
+    best = _least_different(graph, weak[graph.edges].any(axis=1))
+    own = np.arange(len(best))
+    mutual = (best[best] == own) & weak[best]
+    target = np.where(weak & ~(mutual & (best > own)), best, own)
+    graph, number = _joined(graph, _roots(target))
+    return graph, number.astype(np.int32)
+
+
+def _wanted(graph: RegionGraph, threshold: float, least_area: float) -> NDArray[np.bool_]:
+    """Pairs that may be joined."""
+    return (graph.difference < threshold) | (graph.area[graph.edges].min(axis=1, initial=np.inf) < least_area)
+
+
+def _targets(graph: RegionGraph, wanted: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """The region that each is joined to, itself for most.
 
     Of the pairs that may be joined each region has one that differs least. They are joined if that holds for both, or
     if the other is so much larger that the union is hardly different from it.
     """
-    difference = graph.difference
-    wanted = (difference < threshold) | (graph.area[graph.edges].min(axis=1, initial=np.inf) < least_area)
-    if not wanted.any():
-        return None
-    edges, cost = graph.edges[wanted], difference[wanted]
+    best = _least_different(graph, wanted)
+    own = np.arange(len(best))
+    mutual = best[best] == own
+    joined = np.where(mutual, best < own, graph.area[best] >= _MUCH * graph.area)
+    return _roots(np.where(joined, best, own))
+
+
+def _least_different(graph: RegionGraph, wanted: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Each region's least different neighbour among the pairs wanted; itself where there is none."""
+    edges, cost = graph.edges[wanted], graph.difference[wanted]
     both = np.concatenate([edges, edges[:, ::-1]])  # from, to
     rank = np.empty(len(cost), np.int64)
     rank[np.argsort(cost, kind="stable")] = np.arange(len(cost))
     order = np.argsort(-np.concatenate([rank, rank]), kind="stable")
     best = np.arange(len(graph.area))
     best[both[order, 0]] = both[order, 1]  # the last assignment stays: the least different
-    own = np.arange(len(best))
-    mutual = best[best] == own
-    joined = np.where(mutual, best < own, graph.area[best] >= _MUCH * graph.area)
-    target = np.where(joined, best, own)
+    return best
+
+
+def _roots(target: NDArray[np.int64]) -> NDArray[np.int64]:
     while (target[target] != target).any():
         target = target[target]
     return target
