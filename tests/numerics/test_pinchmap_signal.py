@@ -134,8 +134,8 @@ def test_error_is_that_of_dense_least_squares_within_a_thousandth(rng):
 def test_sides_never_mix(rng):
     """Whatever the fitted line misses, a texel shows only colours of its own side: red here, blue there."""
     mask = blob_mask(rng)
-    pinchmap = pinchmap_of(mask, rng, reach=0.5)
-    truth = rendered(pinchmap_of(mask, rng, reach=0.5), np.ones((8, 8, 4)), (256, 256)).side  # another line
+    pinchmap = pinchmap_of(mask, rng, reach=0.2)
+    truth = rendered(pinchmap_of(mask, rng, reach=0.2), np.ones((8, 8, 4)), (256, 256)).side  # another line
     color = np.where(truth[..., None] > 0.5, [1.0, 0.0, 0.1], [0.0, 0.2, 1.0])
     still = pinched_pixels(pinchmap, (256, 256)) == 0
     fitted = rendered(pinchmap, np.ones((8, 8, 4)), (256, 256)).side
@@ -150,6 +150,19 @@ def pinched_pixels(pinchmap, size):
     """How far pixels are displaced, in st; 0 where nothing is pinched."""
     coordinates = pixel_st(*size)
     return np.abs(pinch(pinchmap, coordinates, 0.5).st - coordinates).max(1).reshape(size)
+
+
+def test_feature_that_is_not_on_the_map_is_blurred_not_lost(rng):
+    """A bar far from the fitted line, on the other side: the texels there take some of its colour."""
+    mask = np.zeros((8, 8), bool)
+    mask[:, 4:] = True
+    pinchmap = pinchmap_of(mask, rng, reach=0.1)
+    side = rendered(pinchmap, np.ones((8, 8, 4)), (256, 256)).side.copy()
+    side[:, 16:22] = 1
+    color = side[..., None] * np.ones(3)
+    made = fill_signal(source(color, side=side), pinchmap, (8, 8))
+    assert 0.1 < made[4, :2, 0].max() < 0.5
+    np.testing.assert_allclose(made[:, 3, :3], 0, atol=1e-3)
 
 
 def test_texels_no_pixel_reaches_continue_their_own_side(rng):

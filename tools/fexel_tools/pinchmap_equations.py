@@ -14,12 +14,14 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-__all__ = ["MOMENTS", "accumulate", "conjugate_gradients", "pinch_point", "projected_sweeps", "stencils"]
+__all__ = ["MOMENTS", "accumulate", "pinch_point", "stencils"]
 
 MOMENTS = 34  # per fexel: 9 of the weights of colour, 9 of alpha, 4 of each of the three colours, 4 of alpha
 SMALL_DIRECTION = 1e-5  # a decoded byte 127 is not exactly 0 in float32: below this a component of d counts as 0 (P13)
 SMALL_DIVISOR = 1e-6  # keeps divisors positive that tend to 0 together with what they divide
+LOST = 0.5  # k - gamma of a wrong pixel so far from the line that what it belongs to is not on the map: shown blurred
 _LEAST_WEIGHT = 0.01  # of a pixel at the boundary, which may hold a mixture of both sides: used where nothing else is
+_NONE = -(1 << 30)  # no fexel
 _INVISIBLE = 1e-3  # weight of the colour of a transparent pixel: plausible, but outvoted by any visible one
 
 
@@ -59,7 +61,7 @@ def pinch_point(d_s, d_t, k_b, gamma_b, fu, fv, h):
     sign = 1.0 if k_b > gamma_b else -1.0
     along = min((1.0 - sign * k) / max(1.0 - sign * gamma, SMALL_DIVISOR), 1.0)  # 1 at the line, 0 at the segment's end
     target = sign * (1.0 - (1.0 - h) * along)
-    scale = 1.0 / (1.0 - max(abs(k), abs(k_b)) + SMALL_DIVISOR)
+    scale = 1.0 / max(1.0 - max(abs(k), abs(k_b)), SMALL_DIVISOR)
     d_s = min(max(d_s * scale, -1.0), 1.0)
     d_t = min(max(d_t * scale, -1.0), 1.0)
     return (k - target) * d_s, (k - target) * d_t, max(abs(d_s), abs(d_t))
@@ -102,18 +104,67 @@ def _purity(side, y, x, wraps, positive):
 
 
 @numba.njit(cache=True, nogil=True)
-def _is_still(pinchmap, j, i):
-    """Whether nothing is displaced in the fexel of the pinchmap whose lowest corner is (j, i)."""
-    for row in range(j, j + 2):
-        for column in range(i, i + 2):
-            if abs(pinchmap[row, column, 0]) >= SMALL_DIRECTION or abs(pinchmap[row, column, 1]) >= SMALL_DIRECTION:
-                return False
-    return True
+def _moving(pinchmap):
+    """Whether anything is displaced in each fexel of the pinchmap, which is padded: (Nh, Nw) bool."""
+    rows, columns = pinchmap.shape[0] - 1, pinchmap.shape[1] - 1
+    moving = np.zeros((rows, columns), np.bool_)
+    for row in range(rows):
+        for column in range(columns):
+            corners = np.abs(pinchmap[row : row + 2, column : column + 2, :2])
+            moving[row, column] = corners.max() >= SMALL_DIRECTION
+    return moving
+
+
+@numba.njit(cache=True, inline="always")
+def _pinched(pinchmap, j, i, fu, fv, h):
+    """Displacement, strength and k - gamma at a point of fexel (j, i)."""
+    w00, w01, w10, w11 = (1 - fu) * (1 - fv), fu * (1 - fv), (1 - fu) * fv, fu * fv
+    p00, p01, p10, p11 = pinchmap[j, i], pinchmap[j, i + 1], pinchmap[j + 1, i], pinchmap[j + 1, i + 1]
+    k_b = w00 * p00[2] + w01 * p01[2] + w10 * p10[2] + w11 * p11[2]
+    gamma_b = w00 * p00[3] + w01 * p01[3] + w10 * p10[3] + w11 * p11[3]
+    d_s = w00 * p00[0] + w01 * p01[0] + w10 * p10[0] + w11 * p11[0]
+    d_t = w00 * p00[1] + w01 * p01[1] + w10 * p10[1] + w11 * p11[1]
+    du, dv, strength = pinch_point(d_s, d_t, k_b, gamma_b, fu, fv, h)
+    return du, dv, strength, k_b - gamma_b
+
+
+@numba.njit(cache=True, inline="always")
+def _weight(side, y, x, wraps, strength, edge):
+    """How far a pixel counts that is seen at k - gamma = `edge`: see `pinchmap_signal`."""
+    positive = edge > 0.0
+    if (side[y, x] > 0.5) == positive:
+        return max(_LEAST_WEIGHT, 1.0 - strength * (1.0 - _purity(side, y, x, wraps, positive)))
+    return 1.0 if abs(edge) > LOST else 1.0 - strength
+
+
+@numba.njit(cache=True, inline="always")
+def _read(color, opacity, y, x, table, values):
+    """Encoded colours and opacity of a pixel into `values`; whether all are finite."""
+    for c in range(3):
+        values[c] = _encoded(color[y, x, c], table)
+    values[3] = opacity[y, x]
+    return np.isfinite(values[0] + values[1] + values[2] + values[3])
+
+
+@numba.njit(cache=True, inline="always")
+def _subtract_shown(texels, place_u, place_v, wraps, table, values):
+    """What linear, premultiplied texels show there, encoded, straight, off `values`; alpha is left to be 0."""
+    b, a = int(np.floor(place_v)), int(np.floor(place_u))
+    f, g = place_u - a, place_v - b
+    r0, r1 = _texel(b, texels.shape[0], wraps[1]), _texel(b + 1, texels.shape[0], wraps[1])
+    c0, c1 = _texel(a, texels.shape[1], wraps[0]), _texel(a + 1, texels.shape[1], wraps[0])
+    w00, w01, w10, w11 = (1 - f) * (1 - g), f * (1 - g), (1 - f) * g, f * g
+    t00, t01, t10, t11 = texels[r0, c0], texels[r0, c1], texels[r1, c0], texels[r1, c1]
+    alpha = w00 * t00[3] + w01 * t01[3] + w10 * t10[3] + w11 * t11[3]
+    for c in range(3):
+        shown = w00 * t00[c] + w01 * t01[c] + w10 * t10[c] + w11 * t11[c]
+        values[c] -= _encoded(shown / alpha, table)
+    values[3] = 0.0
 
 
 @numba.njit(cache=True, nogil=True)
-def accumulate(color, opacity, side, pinchmap, signal_shape, wraps, table, moments):
-    """Sum the moments of all pixels, and return the range of what they show.
+def accumulate(color, opacity, side, pinchmap, signal_shape, wraps, table, texels, moments):
+    """Sum the moments of all pixels, and return the range and squares of what they show.
 
     Parameters
     ----------
@@ -127,85 +178,58 @@ def accumulate(color, opacity, side, pinchmap, signal_shape, wraps, table, momen
         Whether texels repeat along s and t; else they are clamped.
     table : (n,) float32
         sRGB encoding over the square root of the linear value; empty: none.
+    texels : (Sh, Sw, 4) float64
+        Empty, or a signal whose error is to be summed instead of the picture: linear, premultiplied, alpha above 0, row
+        0 lowest.
     moments : (Sh + 1, Sw + 1, MOMENTS) float64
         Zeros on entry; entry (b, a) is the fexel whose lowest texel is (b - 1, a - 1).
 
     Returns
     -------
-    (2, 4) float64
-        Least and largest value of the (encoded) colours and of the opacity, over pixels that count.
+    (3, 4) float64
+        Least and largest value of the (encoded) colours and of the opacity, over pixels that count; weighted sums of
+        their squares.
     """
     height, width = side.shape
     map_rows, map_columns = pinchmap.shape[0] - 1, pinchmap.shape[1] - 1
     finer = signal_shape[1] / map_columns
-    h = 0.5 / finer
-    extent = np.empty((2, 4))
-    extent[0], extent[1] = np.inf, -np.inf
-    sums = np.zeros(14)
-    values = np.empty(4)
+    moving = _moving(pinchmap)
+    summary = np.zeros((3, 4))
+    summary[0], summary[1] = np.inf, -np.inf
+    sums, values = np.zeros(14), np.empty(4)
     for y in range(height):
         v = (1.0 - (y + 0.5) / height) * map_rows
         j = min(int(v), map_rows - 1)
-        fv = v - j
-        fexel_v = v * finer - 0.5
-        last = -2
-        x = 0
-        for i in range(map_columns):
-            stop = width if i == map_columns - 1 else _first_pixel(i + 1, width, map_columns)
-            still = _is_still(pinchmap, j, i)
-            p00, p01, p10, p11 = pinchmap[j, i], pinchmap[j, i + 1], pinchmap[j + 1, i], pinchmap[j + 1, i + 1]
-            while x < stop:
-                u = (x + 0.5) / width * map_columns
-                fu = u - i
-                weight = 1.0
-                su, sv = u, v
-                if not still:
-                    w00, w01, w10, w11 = (1 - fu) * (1 - fv), fu * (1 - fv), (1 - fu) * fv, fu * fv
-                    k_b = w00 * p00[2] + w01 * p01[2] + w10 * p10[2] + w11 * p11[2]
-                    gamma_b = w00 * p00[3] + w01 * p01[3] + w10 * p10[3] + w11 * p11[3]
-                    du, dv, strength = pinch_point(
-                        w00 * p00[0] + w01 * p01[0] + w10 * p10[0] + w11 * p11[0],
-                        w00 * p00[1] + w01 * p01[1] + w10 * p10[1] + w11 * p11[1],
-                        k_b, gamma_b, fu, fv, h,
-                    )  # fmt: skip
-                    positive = k_b > gamma_b
-                    su, sv = u + du, v + dv
-                    if (side[y, x] > 0.5) != positive:
-                        weight = 1.0 - strength
-                    else:
-                        weight = max(_LEAST_WEIGHT, 1.0 - strength * (1.0 - _purity(side, y, x, wraps, positive)))
-                finite = True
-                for c in range(3):
-                    values[c] = _encoded(color[y, x, c], table)
-                    finite = finite and np.isfinite(values[c])
-                values[3] = opacity[y, x]
-                if weight <= 0.0 or not (finite and np.isfinite(values[3])):
-                    x += 1
-                    continue
-                visible = weight * (_INVISIBLE + values[3])
-                for c in range(4):
-                    extent[0, c] = min(extent[0, c], values[c])
-                    extent[1, c] = max(extent[1, c], values[c])
-                if still:
-                    place = su * finer - 0.5
-                    a = int(np.floor(place))
-                    if a != last:
-                        if last != -2:
-                            _flush(sums, fexel_v, last, wraps, moments)
-                        last = a
-                    _add_to_row(sums, place - a, weight, visible, values)
-                else:
-                    _add(moments, su * finer - 0.5, sv * finer - 0.5, wraps, weight, visible, values)
-                x += 1
-        if last != -2:
-            _flush(sums, fexel_v, last, wraps, moments)
-    return extent
-
-
-@numba.njit(cache=True, inline="always")
-def _first_pixel(i, width, columns):
-    """First pixel whose centre is not left of column i."""
-    return int(np.ceil(i * width / columns - 0.5))
+        last = _NONE
+        for x in range(width):
+            u = (x + 0.5) / width * map_columns
+            i = min(int(u), map_columns - 1)
+            du, dv, weight = 0.0, 0.0, 1.0
+            if moving[j, i]:
+                du, dv, strength, edge = _pinched(pinchmap, j, i, u - i, v - j, 0.5 / finer)
+                weight = _weight(side, y, x, wraps, strength, edge)
+            if weight <= 0.0 or not _read(color, opacity, y, x, table, values):
+                continue
+            place_u, place_v = (u + du) * finer - 0.5, (v + dv) * finer - 0.5
+            visible = weight * (_INVISIBLE + values[3])
+            if texels.size > 0:
+                _subtract_shown(texels, place_u, place_v, wraps, table, values)
+            for c in range(4):
+                summary[0, c] = min(summary[0, c], values[c])
+                summary[1, c] = max(summary[1, c], values[c])
+                summary[2, c] += (visible if c < 3 else weight) * values[c] * values[c]
+            if moving[j, i]:
+                _add(moments, place_u, place_v, wraps, weight, visible, values)
+                continue
+            a = int(np.floor(place_u))
+            if a != last:
+                if last != _NONE:
+                    _flush(sums, v * finer - 0.5, last, wraps, moments)
+                last = a
+            _add_to_row(sums, place_u - a, weight, visible, values)
+        if last != _NONE:
+            _flush(sums, v * finer - 0.5, last, wraps, moments)
+    return summary
 
 
 @numba.njit(cache=True, inline="always")
@@ -326,78 +350,3 @@ def stencils(moments, wrap_s, wrap_t):
                                     along[kind, 0], along[kind, 1], along[kind, 2], py, qy
                                 )
     return matrix, right
-
-
-@numba.njit(cache=True, inline="always")
-def _neighbour(index, step, count):
-    """Index of a neighbour: the ends meet. Clamped borders have no entries in the matrix that reach across."""
-    index += step
-    if index < 0:
-        return index + count
-    return index - count if index >= count else index
-
-
-@numba.njit(cache=True, nogil=True)
-def _product(matrix, x, out):
-    """out = matrix x of one channel."""
-    rows, columns = x.shape
-    for r in range(rows):
-        for c in range(columns):
-            total = 0.0
-            for dy in range(3):
-                row = x[_neighbour(r, dy - 1, rows)]
-                total += matrix[r, c, 3 * dy] * row[_neighbour(c, -1, columns)]
-                total += matrix[r, c, 3 * dy + 1] * row[c]
-                total += matrix[r, c, 3 * dy + 2] * row[_neighbour(c, 1, columns)]
-            out[r, c] = total
-
-
-@numba.njit(cache=True, nogil=True)
-def conjugate_gradients(matrix, right, x, tolerance, most):
-    """Solve matrix x = right for one channel, in place, preconditioned by the diagonal (Hestenes and Stiefel 1952).
-
-    Parameters
-    ----------
-    matrix : (Sh, Sw, 9) float64
-        Symmetric, positive definite.
-    right, x : (Sh, Sw) float64
-    tolerance : float
-        Of the residual's preconditioned norm, relative to the right side's.
-    most : int
-        Iterations.
-    """
-    image = np.empty_like(x)
-    _product(matrix, x, image)
-    residual = right - image
-    diagonal = matrix[:, :, 4]
-    scaled = residual / diagonal
-    direction = scaled.copy()
-    square = (residual * scaled).sum()
-    limit = tolerance * tolerance * (right * right / diagonal).sum()
-    for _ in range(most):
-        if square <= limit:
-            return
-        _product(matrix, direction, image)
-        step = square / (direction * image).sum()
-        x += step * direction
-        residual -= step * image
-        scaled = residual / diagonal
-        former, square = square, (residual * scaled).sum()
-        direction = scaled + (square / former) * direction
-
-
-@numba.njit(cache=True, nogil=True)
-def projected_sweeps(matrix, right, x, low, high, sweeps):
-    """Gauss-Seidel sweeps under low <= x <= high, in place: the bounded least squares from a clipped start."""
-    rows, columns = x.shape
-    for sweep in range(sweeps):
-        for n in range(rows * columns):
-            at = n if sweep % 2 == 0 else rows * columns - 1 - n
-            r, c = at // columns, at % columns
-            total = right[r, c] + matrix[r, c, 4] * x[r, c]
-            for dy in range(3):
-                row = x[_neighbour(r, dy - 1, rows)]
-                total -= matrix[r, c, 3 * dy] * row[_neighbour(c, -1, columns)]
-                total -= matrix[r, c, 3 * dy + 1] * row[c]
-                total -= matrix[r, c, 3 * dy + 2] * row[_neighbour(c, 1, columns)]
-            x[r, c] = min(max(total / matrix[r, c, 4], low), high)

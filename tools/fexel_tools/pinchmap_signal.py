@@ -6,16 +6,20 @@ bilinear weights of four texels (`pinchmap_equations`). No inverse is needed, a 
 or squeezed under few is treated alike, and the bilinear interpolation's own blur is made up for.
 
 - *Sides never mix.* A pixel whose own side is not the one that the fitted line gives it is left out where the texture
-  is pinched, and a pixel whose neighbourhood holds both sides hardly counts: it may be a mixture of both.
+  is pinched, and a pixel whose neighbourhood holds both sides hardly counts: it may be a mixture of both. What lies
+  half a texel or more beyond the line counts nevertheless: a feature that is not on the map is better blurred than
+  lost.
 - *The space of the error* is that in which pictures are looked at: colour is fitted in sRGB encoding, straight,
   weighted by its opacity, so that invisible colour does not count but stays plausible; alpha for itself; raw data
-  as it is. Renderers interpolate in linear light; between texels of one side the difference is of second order.
+  as it is. Renderers interpolate in linear light, premultiplied: where the picture is uneven, one step of Gauss and
+  Newton makes up for the difference (0.2 to 0.4 dB on pictures with colour edges within a side).
 - *Texels that no pixel reaches* continue their neighbours of the same side (a membrane, far weaker than any pixel).
 - *No ringing beyond the picture*: the least squares are bounded by the least and the largest value of the source.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,7 +27,8 @@ from numpy.typing import NDArray
 
 from fexel.errors import FexelError
 from fexel.images import linear_to_srgb, srgb_to_linear
-from fexel_tools.pinchmap_equations import MOMENTS, accumulate, conjugate_gradients, projected_sweeps, stencils
+from fexel_tools.pinchmap_equations import MOMENTS, accumulate, stencils
+from fexel_tools.pinchmap_solver import conjugate_gradients, projected_sweeps, squared_error
 
 if TYPE_CHECKING:
     from fexel_tools.pinchmap_source import PinchmapSource
@@ -35,8 +40,13 @@ _PRIOR = 1e-9  # of the same: where even the membrane is torn off, the mean of t
 _TOLERANCE = 1e-6
 _STEPS = 400
 _SWEEPS = 6
+_UNEVEN = (
+    1 / 510
+)  # root mean square error, encoded, below which a picture is as good as reproduced: half a step of 8 bits
+_LEAST_ALPHA = 1e-3  # of a texel whose colour is compared: keeps premultiplied colours apart where nothing is seen
 _TABLE = linear_to_srgb(np.linspace(0, 1, 4097) ** 2)
 _NO_TABLE = np.zeros(0, np.float32)
+_NO_TEXELS = np.zeros((0, 0, 4))
 
 
 def fill_signal(
@@ -71,25 +81,59 @@ def fill_signal(
     """
     pinchmap = np.asarray(pinchmap, np.float64)
     signal_levels(pinchmap.shape, signal_shape, str(source.path))
-    wraps = (wrap[0] == "repeat", wrap[1] == "repeat")
-    moments = np.zeros((signal_shape[0] + 1, signal_shape[1] + 1, MOMENTS))
-    extent = accumulate(
-        np.ascontiguousarray(source.color, np.float32),
-        np.ascontiguousarray(source.opacity, np.float32),
-        np.ascontiguousarray(source.side, np.float32),
-        _padded(pinchmap[::-1], wraps),
-        signal_shape,
-        wraps,
-        _NO_TABLE if source.is_data else _TABLE,
-        moments,
-    )
-    if not np.isfinite(extent).all():  # not a single pixel counts
-        extent = np.zeros((2, 4))
-    matrix, right = stencils(moments, *wraps)
-    _add_membrane(matrix, right, pinchmap, signal_shape, wraps)
-    signal = _solved(matrix, right, extent)[::-1]
+    view = _View(source, pinchmap, signal_shape, (wrap[0] == "repeat", wrap[1] == "repeat"))
+    bounds, squares, matrix, right = view.equations()
+    weight = matrix[0].sum()
+    _add_membrane(matrix, right, view)
+    signal = np.stack([_solved(matrix[int(c == 3)], right[..., c], bounds[:, c]) for c in range(4)], axis=-1)
+    error = sum(squares[c] + squared_error(matrix[0], _plane(right, c), _plane(signal, c)) for c in range(3))
+    if not source.is_data and error > 3 * _UNEVEN**2 * weight:
+        _correct(signal, matrix[0], bounds, view)
+    signal = signal[::-1]
     rgb = signal[..., :3] if source.is_data else srgb_to_linear(signal[..., :3])
     return np.concatenate([rgb, signal[..., 3:]], axis=-1).astype(np.float32)
+
+
+@dataclass(frozen=True, eq=False)
+class _View:
+    """A picture seen through a pinchmap; `wraps`: whether texels repeat along s and t."""
+
+    source: PinchmapSource
+    pinchmap: NDArray[np.float64]
+    signal_shape: tuple[int, int]
+    wraps: tuple[bool, bool]
+
+    def equations(self, texels: NDArray[np.float64] = _NO_TEXELS):
+        """Bounds (2, 4), weighted squares (4,), normal matrix (2, Sh, Sw, 9) and right side; rows upwards.
+
+        Of the picture; given the linear, premultiplied texels of a signal, of what that lacks.
+        """
+        source = self.source
+        moments = np.zeros((self.signal_shape[0] + 1, self.signal_shape[1] + 1, MOMENTS))
+        summary = accumulate(
+            np.ascontiguousarray(source.color, np.float32),
+            np.ascontiguousarray(source.opacity, np.float32),
+            np.ascontiguousarray(source.side, np.float32),
+            _padded(self.pinchmap[::-1], self.wraps),
+            self.signal_shape,
+            self.wraps,
+            _NO_TABLE if source.is_data else _TABLE,
+            texels,
+            moments,
+        )
+        bounds = summary[:2] if np.isfinite(summary[:2]).all() else np.zeros((2, 4))  # not a single pixel counts
+        return bounds, summary[2], *stencils(moments, *self.wraps)
+
+
+def _correct(signal, matrix, bounds, view: _View) -> None:
+    """One step of Gauss and Newton for the colours, in place: they are interpolated in linear light, premultiplied."""
+    alpha = np.maximum(signal[..., 3:], _LEAST_ALPHA)
+    texels = np.concatenate([srgb_to_linear(signal[..., :3]) * alpha, alpha], axis=-1)
+    lacking = view.equations(texels)[3]
+    anything = np.array([-np.inf, np.inf])
+    for c in range(3):
+        step = _solved(matrix, lacking[..., c], anything)
+        signal[..., c] = np.clip(signal[..., c] + step, *bounds[:, c])
 
 
 def signal_levels(pinchmap_shape: tuple[int, ...], signal_shape: tuple[int, int], where: str) -> int:
@@ -139,58 +183,59 @@ def _padded(pinchmap: NDArray[np.float64], wraps: tuple[bool, bool]) -> NDArray[
     return np.pad(pinchmap, ((0, 0), (0, 1), (0, 0)), mode=modes[0])  # pyright: ignore[reportCallIssue, reportArgumentType]
 
 
-def _add_membrane(matrix, right, pinchmap, signal_shape, wraps) -> None:
+def _add_membrane(matrix, right, view: _View) -> None:
     """Join texels that no discontinuity separates, weakly, and draw all still more weakly to the mean of their side."""
-    level = signal_shape[0] // pinchmap.shape[0]
-    wrap = tuple("repeat" if repeats else "clamp" for repeats in wraps)
-    sides = cell_sides(pinchmap, wrap)[::-1].repeat(level, axis=0).repeat(level, axis=1)
-    strength = _cell_strength(pinchmap[::-1], wraps).repeat(level, axis=0).repeat(level, axis=1)
-    for kind in range(2):
+    finer = view.signal_shape[0] // view.pinchmap.shape[0]
+    wrap = tuple("repeat" if repeats else "clamp" for repeats in view.wraps)
+    sides = _magnified(cell_sides(view.pinchmap, wrap)[::-1], finer)
+    strength = _magnified(_cell_strength(view.pinchmap[::-1], view.wraps), finer)
+    joins = [_joins(sides, strength, axis, view.wraps[1 - axis]) for axis in (0, 1)]
+    for kind, channels in ((0, slice(0, 3)), (1, slice(3, 4))):
         mean = max(matrix[kind].sum() / sides.size, 1e-30)  # 1e-30: a picture without a pixel that counts
-        for axis, wraps_here in ((0, wraps[1]), (1, wraps[0])):
-            joined = (
-                _MEMBRANE
-                * mean
-                * np.where(
-                    sides == np.roll(sides, -1, axis), 1.0, 1.0 - np.minimum(strength, np.roll(strength, -1, axis))
-                )
-            )
-            if not wraps_here:
-                joined[(-1,) if axis == 0 else (slice(None), -1)] = 0
-            step = 3 if axis == 0 else 1
-            matrix[kind, ..., 4] += joined + np.roll(joined, 1, axis)
-            matrix[kind, ..., 4 + step] -= joined
-            matrix[kind, ..., 4 - step] -= np.roll(joined, 1, axis)
-        channels = slice(0, 3) if kind == 0 else slice(3, 4)
-        for side in (False, True):
-            here = sides == side
+        for join, axis, step in zip(joins, (0, 1), (3, 1), strict=True):
+            weight = _MEMBRANE * mean * join
+            matrix[kind, ..., 4] += weight + np.roll(weight, 1, axis)
+            matrix[kind, ..., 4 + step] -= weight
+            matrix[kind, ..., 4 - step] -= np.roll(weight, 1, axis)
+        for here in (sides, ~sides):
             total = matrix[kind][here].sum()
-            prior = right[here][:, channels].sum(axis=0) / total if total > 0 else 0.0
-            right[here, channels] += _PRIOR * mean * prior
+            if total > 0:
+                right[here, channels] += _PRIOR * mean * (right[here, channels].sum(axis=0) / total)
         matrix[kind, ..., 4] += _PRIOR * mean
 
 
+def _joins(sides, strength, axis: int, wraps: bool) -> NDArray[np.float64]:
+    """How far each texel is joined to the next along an axis: across a discontinuity as far as that is not pinched."""
+    join = np.where(sides == np.roll(sides, -1, axis), 1.0, 1.0 - np.minimum(strength, np.roll(strength, -1, axis)))
+    if not wraps:
+        np.moveaxis(join, axis, 0)[-1] = 0.0
+    return join
+
+
+def _magnified(cells: NDArray, finer: int) -> NDArray:
+    return cells.repeat(finer, axis=0).repeat(finer, axis=1)
+
+
 def _cell_strength(pinchmap, wraps) -> NDArray[np.float64]:
-    """Largest pinch strength at the corners of every cell; 1 where no corner is active. Rows upwards."""
-    d = _padded(np.abs(pinchmap[..., :2]).max(axis=-1, keepdims=True), wraps)[..., 0]
-    active = _padded((pinchmap[..., 2:3] == 0).astype(np.float64), wraps)[..., 0] > 0
-    strength = np.where(active, d, 0.0)
+    """Largest pinch strength at the corners of every cell. Rows upwards."""
+    active = pinchmap[..., 2] == 0
+    strength = _padded((np.abs(pinchmap[..., :2]).max(axis=-1) * active)[..., None], wraps)[..., 0]
     return np.maximum.reduce([strength[:-1, :-1], strength[:-1, 1:], strength[1:, :-1], strength[1:, 1:]])
 
 
-def _solved(matrix, right, extent) -> NDArray[np.float64]:
-    """(Sh, Sw, 4) texels within the bounds, in the space of the error."""
-    signal = np.empty_like(right)
-    for channel in range(4):
-        kind = 0 if channel < 3 else 1
-        low, high = extent[:, channel]
-        diagonal = matrix[kind, ..., 4]
-        target = np.ascontiguousarray(right[..., channel])
-        texels = np.clip(target / (matrix[kind].sum(axis=-1) + 1e-9 * diagonal), low, high)
-        if high > low:
-            conjugate_gradients(matrix[kind], target, texels, _TOLERANCE, _STEPS)
-            if texels.min() < low or texels.max() > high:
-                np.clip(texels, low, high, out=texels)
-                projected_sweeps(matrix[kind], target, texels, low, high, _SWEEPS)
-        signal[..., channel] = texels
-    return signal
+def _plane(planes: NDArray[np.float64], channel: int) -> NDArray[np.float64]:
+    return np.ascontiguousarray(planes[..., channel])
+
+
+def _solved(matrix, right, bounds) -> NDArray[np.float64]:
+    """(Sh, Sw) texels of one channel within the bounds."""
+    right = np.ascontiguousarray(right)
+    low, high = bounds
+    texels = np.clip(right / (matrix.sum(axis=-1) + 1e-9 * matrix[..., 4]), low, high)  # 1e-9: rows may sum to 0
+    if low == high:
+        return texels
+    conjugate_gradients(matrix, right, texels, _TOLERANCE, _STEPS)
+    if texels.min() < low or texels.max() > high:
+        np.clip(texels, low, high, out=texels)
+        projected_sweeps(matrix, right, texels, low, high, _SWEEPS)
+    return texels
