@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from fexel.errors import FexelError
+from fexel.images import linear_to_srgb
 from fexel.renderer.aov import AOVS
-from fexel.renderer.encoding import ColorCorrection, encode_srgb, visible_data
+from fexel.renderer.encoding import ColorCorrection, visible_data
 from fexel.renderer.output import FORMATS, check_output, file_names, write_images
 
 
@@ -72,7 +73,7 @@ def test_png_holds_srgb_and_straight_alpha(images, tmp_path):
     color = images["color"]
     alpha = color[..., 3:]
     straight = np.divide(color[..., :3], alpha, out=np.zeros_like(color[..., :3]), where=alpha > 0)
-    expected = np.round(255 * np.clip(np.concatenate([encode_srgb(straight), alpha], -1), 0, 1))
+    expected = np.round(255 * np.clip(np.concatenate([linear_to_srgb(straight), alpha], -1), 0, 1))
     assert np.abs(pixels.astype(int) - expected).max() <= 1
 
 
@@ -83,7 +84,7 @@ def test_jpeg_shows_the_colour_over_black(tmp_path):
     pixels, spec = read(tmp_path / "c.jpg")
     assert spec.nchannels == 3
     # Straight 0.5 is encoded, then premultiplied by 0.5.
-    assert np.abs(pixels.astype(int) - round(255 * 0.5 * float(encode_srgb(np.float32(0.5))))).max() <= 2
+    assert np.abs(pixels.astype(int) - round(255 * 0.5 * float(linear_to_srgb(np.float32(0.5))))).max() <= 2
 
 
 @pytest.mark.parametrize("extension", FORMATS)
@@ -107,7 +108,7 @@ def test_linear_formats_are_not_encoded_unless_asked(tmp_path):
     for name, mode, expected in (
         ("a.exr", None, 0.5),
         ("b.hdr", None, 0.5),
-        ("c.exr", "sRGB", float(encode_srgb(np.float32(0.5)))),
+        ("c.exr", "sRGB", float(linear_to_srgb(np.float32(0.5)))),
     ):
         write_images(tmp_path / name, {"color": color}, mode)
         np.testing.assert_allclose(read(tmp_path / name)[0][0, 0, :3], expected, rtol=5e-3)
@@ -148,8 +149,8 @@ def test_ids_get_distinct_colours_and_nothing_is_black():
 def test_srgb_is_the_standards_curve():
     known = {0.0: 0.0, 0.0031308: 0.04045, 0.214041: 0.5, 1.0: 1.0}
     for linear, encoded in known.items():
-        assert encode_srgb(np.float32(linear)) == pytest.approx(encoded, abs=1e-5)
-    assert encode_srgb(np.float32(-0.214041)) == pytest.approx(-0.5, abs=1e-5)
+        assert linear_to_srgb(np.float32(linear)) == pytest.approx(encoded, abs=1e-5)
+    assert linear_to_srgb(np.float32(-0.214041)) == pytest.approx(-0.5, abs=1e-5)
 
 
 def test_opencolorio_needs_a_configuration(monkeypatch, tmp_path):

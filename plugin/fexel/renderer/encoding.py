@@ -12,18 +12,12 @@ import os
 import numpy as np
 
 from fexel.errors import FexelError
+from fexel.images import linear_to_srgb
 
-__all__ = ["COLOR_CORRECTION_MODES", "ColorCorrection", "data_range", "encode_srgb", "visible_data"]
+__all__ = ["COLOR_CORRECTION_MODES", "ColorCorrection", "data_range", "visible_data"]
 
 COLOR_CORRECTION_MODES = ("disabled", "sRGB", "openColorIO")
 _LARGEST_LOD = 15.0  # of an image of 32768 texels
-
-
-def encode_srgb(linear: np.ndarray) -> np.ndarray:
-    """sRGB-encoded float32 of linear values; negative ones mirrored, above 1 continued (IEC 61966-2-1)."""
-    magnitude = np.abs(linear)
-    curve = 1.055 * np.maximum(magnitude, 0.0031308) ** (1.0 / 2.4) - 0.055
-    return np.copysign(np.where(magnitude <= 0.0031308, 12.92 * magnitude, curve), linear).astype(np.float32)
 
 
 class ColorCorrection:
@@ -47,7 +41,7 @@ class ColorCorrection:
         if self.mode == "disabled":
             return straight
         if self.mode == "sRGB":
-            return encode_srgb(straight)
+            return linear_to_srgb(straight)
         return self._display(straight)
 
     def _display(self, straight: np.ndarray) -> np.ndarray:

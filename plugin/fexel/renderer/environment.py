@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from fexel.errors import FexelError, FexelWarning
+from fexel.images import srgb_to_linear
 from fexel.scene.model import Light
 
 __all__ = ["RADIANCE_HEIGHT", "dome_irradiance", "dome_key", "dome_radiance", "latlong_directions"]
@@ -134,14 +135,9 @@ def _read(file: str) -> np.ndarray:
     encoded = "srgb" in space.lower() or (not space and not linear_format)
     if small:
         levels = np.arange(256, dtype=np.float32) / 255.0
-        return _reduced((_decode_srgb(levels) if encoded else levels)[pixels], 2 * RADIANCE_HEIGHT)
+        return _reduced((srgb_to_linear(levels) if encoded else levels)[pixels], 2 * RADIANCE_HEIGHT)
     pixels = np.nan_to_num(pixels, nan=0.0, posinf=65504.0, neginf=0.0)
-    return _reduced(_decode_srgb(pixels) if encoded else pixels, 2 * RADIANCE_HEIGHT)
-
-
-def _decode_srgb(values: np.ndarray) -> np.ndarray:
-    curve = ((np.maximum(values, 0.04045) + 0.055) / 1.055) ** 2.4
-    return np.where(values <= 0.04045, values / 12.92, curve).astype(np.float32)
+    return _reduced(srgb_to_linear(pixels) if encoded else pixels, 2 * RADIANCE_HEIGHT)
 
 
 def _reduced(image: np.ndarray, height: int) -> np.ndarray:

@@ -14,6 +14,7 @@ import numpy as np
 
 from fexel.errors import FexelError
 from fexel.renderer.program import Define
+from fexel.scene.material import SURFACE_DEFAULTS
 from fexel.scene.model import Material, Mesh, Texture, TextureInput
 
 __all__ = ["MAX_ST_PRIMVARS", "MAX_TEXTURES", "Surface"]
@@ -21,22 +22,10 @@ __all__ = ["MAX_ST_PRIMVARS", "MAX_TEXTURES", "Surface"]
 MAX_TEXTURES = 8  # as many as surface_textures.glsl has slots
 MAX_ST_PRIMVARS = 4  # as many as mesh.vert has attributes
 
-# Inputs and fallbacks of the UsdPreviewSurface specification.
-_FALLBACKS: dict[str, float | tuple[float, float, float]] = {
-    "diffuseColor": (0.18, 0.18, 0.18),
-    "emissiveColor": (0.0, 0.0, 0.0),
-    "specularColor": (0.0, 0.0, 0.0),
-    "metallic": 0.0,
-    "roughness": 0.5,
-    "clearcoat": 0.0,
-    "clearcoatRoughness": 0.01,
-    "opacity": 1.0,
-    "opacityThreshold": 0.0,
-    "ior": 1.5,
-    "occlusion": 1.0,
-}
+# Inputs that are no uniforms: a normal is that of the mesh unless textured, the workflow is compiled in.
+_UNIFORMS = {name: value for name, value in SURFACE_DEFAULTS.items() if name not in ("normal", "useSpecularWorkflow")}
 # The texture whose st, lod and patch the AOVs show is the first of these that is textured.
-_MAIN_ORDER = ("diffuseColor", "emissiveColor", "opacity", "normal", "roughness", "metallic", *_FALLBACKS)
+_MAIN_ORDER = ("diffuseColor", "emissiveColor", "opacity", "normal", "roughness", "metallic", *_UNIFORMS)
 _OUTPUTS = {"rgb": 0, "r": 1, "g": 2, "b": 3, "a": 4}
 
 
@@ -158,7 +147,7 @@ class Surface:
     def uniforms(self) -> dict[str, float | tuple[float, float, float]]:
         """Values of the constant inputs, by the uniform's name; non-finite ones are replaced by the fallback."""
         values = {}
-        for name, fallback in _FALLBACKS.items():
+        for name, fallback in _UNIFORMS.items():
             value = self.inputs.get(name, fallback)
             if not isinstance(value, TextureInput):
                 values[name] = value if np.all(np.isfinite(value)) else fallback

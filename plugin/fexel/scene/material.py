@@ -28,13 +28,13 @@ from fexel.scene.shader_network import (
     variable_name,
 )
 
-__all__ = ["GREY", "UNBOUND", "MaterialReader", "textures_of", "without_textures"]
+__all__ = ["GREY", "SURFACE_DEFAULTS", "UNBOUND", "MaterialReader", "textures_of", "without_textures"]
 
 GREY = (0.18, 0.18, 0.18)
 UNBOUND = Material("", {"diffuseColor": GREY}, uses_display_color=True, uses_display_opacity=True)
 
-# Defaults of the UsdPreviewSurface specification 2.6; the type of the default is the type of the input.
-_DEFAULTS: dict[str, float | tuple[float, float, float]] = {
+# Inputs of the UsdPreviewSurface specification 2.6 with their defaults; the type of the default is that of the input.
+SURFACE_DEFAULTS: dict[str, float | tuple[float, float, float]] = {
     "diffuseColor": GREY,
     "emissiveColor": (0.0, 0.0, 0.0),
     "useSpecularWorkflow": 0.0,
@@ -104,7 +104,7 @@ class MaterialReader:
             self._faults.warn(path, f"{found}, expected UsdPreviewSurface; display colour or grey is shown")
             return replace(UNBOUND, path=path)
         material = Material(path)
-        for name, default in _DEFAULTS.items():
+        for name, default in SURFACE_DEFAULTS.items():
             material = self._with_input(material, surface.prim, name, default, sampler, textures)
         return material
 
@@ -238,5 +238,5 @@ def without_textures(material: Material, primvars: set[str], stage: Usd.Stage, t
     for name, value in material.inputs.items():
         if isinstance(value, TextureInput) and value.texture.st_primvar in primvars:
             prim = stage.GetPrimAtPath(value.texture.path)
-            inputs[name] = _fallback(prim, value.output, name, _DEFAULTS[name], Sampler(time))
+            inputs[name] = _fallback(prim, value.output, name, SURFACE_DEFAULTS[name], Sampler(time))
     return replace(material, inputs=inputs)
