@@ -8,12 +8,14 @@ the number of broken rules, larger squares are tried, up to the whole map, which
 
 from __future__ import annotations
 
+import cv2
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["broken_near", "legalise", "random", "update_active"]
+__all__ = ["broken_near", "legalise", "random", "tied", "update_active"]
 
+_HEAT, _COOLING = 0.3, 0.01  # first temperature, in pixels of a cell, and the last one over it
 _compiled = numba.njit(cache=True, nogil=True, error_model="numpy")
 
 
@@ -22,11 +24,11 @@ def legalise(
     cell_cost: NDArray[np.float64],
     texel_cost: NDArray[np.float64],
     repeat: tuple[bool, bool],
-    places: NDArray[np.int64],
+    *,
     unit: float,
-    restarts: int,
-    trials: int,
-    seed: int,
+    restarts: int = 3,
+    trials: int = 300,
+    seed: int = 0,
 ) -> NDArray[np.bool_]:
     """A legal mask of low cost.
 
@@ -41,31 +43,67 @@ def legalise(
         is on the + side.
     repeat : (bool, bool)
         Along s and t: whether the map repeats.
-    places : (P, 2) int64
-        Cells that annealing may change.
     unit : float
-        Typical cost: pixels of a cell.
+        Pixels of a cell; a texel that costs less than a hundredth of it is not worth annealing.
     restarts, trials : int
-        Annealing runs, of which the best is taken, and moves in each.
+        Annealing runs, of which the best is taken, and moves per cell in each.
     seed : int
     """
-    best, least = None, np.inf
-    top = max(float(np.abs(texel_cost).max(initial=0.0)), float(np.abs(cell_cost).max(initial=0.0)), unit)
-    for run in range(restarts if len(places) else 1):
-        cells = np.ascontiguousarray(mask, np.uint8)
-        active = np.empty_like(cells)
-        update_active(cells, active, 0, 0, *cells.shape, repeat[1], repeat[0])
-        if len(places):
+    best = np.array(mask, np.uint8)
+    if not repeat[1]:
+        best[:1] = best[1:2] if len(best) > 1 else best[:1]
+    if not repeat[0]:
+        best[:, -1:] = best[:, -2:-1] if best.shape[1] > 1 else best[:, -1:]
+    active = np.empty_like(best)
+    update_active(best, active, 0, 0, *best.shape, repeat[1], repeat[0])
+    whole = (0, 0, *best.shape)
+    least = _make_legal(best, active, whole, cell_cost, texel_cost, unit, repeat)
+    for run in range(restarts):
+        near = _dilated(_wrong_texels(best, active, texel_cost, 0.01 * unit), repeat)
+        number, labels, boxes, _ = cv2.connectedComponentsWithStats(near.astype(np.uint8), connectivity=8)
+        for label in range(1, number):  # each for itself: one place's luck must not hang on another's
+            left, top, width, height, _ = boxes[label]
+            places = np.argwhere(labels == label)
+            cells, around = best.copy(), active.copy()
+            moves = trials * len(places)
             _anneal(
-                cells, active, cell_cost, texel_cost, places, unit, trials, repeat[1], repeat[0], seed * restarts + run
+                cells, around, cell_cost, texel_cost, places, unit, moves, *repeat[::-1], (seed * 16 + run) * 999 + label
             )
-        for penalty in (unit, 4 * unit, 1e9 * top):
-            _improve(cells, active, cell_cost, texel_cost, penalty, repeat[1], repeat[0], 8)
-        _force(cells, active, cell_cost, repeat[1], repeat[0])
-        cost = _total_cost(cells, active, cell_cost, texel_cost)
-        if cost < least:
-            best, least = cells, cost
-    return np.asarray(best, bool)
+            box = (max(top - 3, 0), max(left - 3, 0), top + height + 3, left + width + 3)
+            cost = _make_legal(cells, around, box, cell_cost, texel_cost, unit, repeat)
+            if cost < least:
+                best, active, least = cells, around, cost
+    return best.astype(bool)
+
+
+def _make_legal(cells, active, box, cell_cost, texel_cost, unit: float, repeat: tuple[bool, bool]) -> float:
+    """Mend what is broken within a box of cells, or else anywhere, in place, and return the cost."""
+    top = max(float(np.abs(texel_cost).max()), float(np.abs(cell_cost).max()), unit)
+    for penalty in (unit, 4 * unit, 1e9 * top):
+        _improve(cells, active, cell_cost, texel_cost, penalty, repeat[1], repeat[0], 8, box)
+    _force(cells, active, cell_cost, repeat[1], repeat[0])
+    return _total_cost(cells, active, cell_cost, texel_cost)
+
+
+def _wrong_texels(mask, active, texel_cost, least: float):
+    """Inactive texels whose side costs more than `least`."""
+    return (active == 0) & (np.where(mask > 0, -texel_cost, texel_cost) > least)
+
+
+def _dilated(places: NDArray[np.bool_], repeat: tuple[bool, bool]) -> NDArray[np.bool_]:
+    """With all within five rows and columns."""
+    reach = 5
+    modes = [("wrap" if joined else "constant") for joined in repeat]
+    for axis, mode in ((0, modes[1]), (1, modes[0])):
+        before = places
+        for shift in range(1, reach + 1):
+            for step in (shift, -shift):
+                moved = np.roll(before, step, axis)
+                if mode == "constant":
+                    edge = slice(None, step) if step > 0 else slice(step, None)
+                    moved[edge if axis == 0 else (slice(None), edge)] = False
+                places = places | moved
+    return places
 
 
 @_compiled
@@ -150,21 +188,8 @@ def broken_near(mask, active, r0, c0, height, width, repeat_t, repeat_s):
 
 @_compiled
 def _cost_near(mask, active, cell_cost, texel_cost, penalty, r0, c0, height, width, repeat_t, repeat_s):
-    nh, nw = mask.shape
-    cost = penalty * broken_near(mask, active, r0, c0, height, width, repeat_t, repeat_s)
-    for i in range(r0, r0 + height):
-        for j in range(c0, c0 + width):
-            r, c = _row(i, nh, repeat_t), _row(j, nw, repeat_s)
-            if mask[r, c]:
-                cost += cell_cost[r, c]
-    for i in range(r0 - 1, r0 + height):
-        for j in range(c0, c0 + width + 1):
-            if (i < 0 and not repeat_t) or (j >= nw and not repeat_s):
-                continue
-            r, c = _row(i, nh, repeat_t), _row(j, nw, repeat_s)
-            if not active[r, c]:
-                cost += max(-texel_cost[r, c], 0.0) if mask[r, c] else max(texel_cost[r, c], 0.0)
-    return cost
+    plain = _plain_cost_near(mask, active, cell_cost, texel_cost, r0, c0, height, width, repeat_t, repeat_s)
+    return plain + penalty * broken_near(mask, active, r0, c0, height, width, repeat_t, repeat_s)
 
 
 @_compiled
@@ -180,14 +205,15 @@ def _best_move(mask, active, cell_cost, texel_cost, penalty, r, c, largest, repe
     """Make the rectangle move near cell [r, c] that lowers the cost most; return by how much."""
     nh, nw = mask.shape
     best, move = -1e-9, (0, 0, 0, 0, 0)  # 1e-9: rounding is no gain
-    for height in range(1, min(largest, nh) + 1):
-        for width in range(1, min(largest, nw) + 1):
-            for r0 in range(r - height, r + 2):
-                if not repeat_t and (r0 < 0 or r0 + height > nh):
+    for rows in range(1, min(largest, nh) + 1):
+        for columns in range(1, min(largest, nw) + 1):
+            for first_row in range(r - rows, r + 2):
+                if not repeat_t and (first_row < 0 or first_row + rows > nh):
                     continue
-                for c0 in range(c - width, c + 2):
-                    if not repeat_s and (c0 < 0 or c0 + width > nw):
+                for first_column in range(c - columns, c + 2):
+                    if not repeat_s and (first_column < 0 or first_column + columns > nw):
                         continue
+                    r0, c0, height, width = tied(first_row, first_column, rows, columns, nh, nw, repeat_t, repeat_s)
                     before = np.nan
                     for side in range(2):
                         changed = False
@@ -233,45 +259,107 @@ def random(state):
 
 
 @_compiled
+def tied(r0, c0, height, width, nh, nw, repeat_t, repeat_s):
+    """The rectangle with its twin cells: where the map clamps, the top two rows are equal, and the last two columns."""
+    if not repeat_t and r0 < 2:
+        height, r0 = min(max(r0 + height, 2), nh), 0
+    if not repeat_s and c0 + width > nw - 2:
+        c0 = max(min(c0, nw - 2), 0)
+        width = nw - c0
+    return r0, c0, height, width
+
+
+@_compiled
+def _plain_cost_near(mask, active, cell_cost, texel_cost, r0, c0, height, width, repeat_t, repeat_s):
+    """Cost of the cells [r0, r0 + height) x [c0, c0 + width) and of the texels at their corners."""
+    nh, nw = mask.shape
+    cost = 0.0
+    for i in range(r0, r0 + height):
+        for j in range(c0, c0 + width):
+            r, c = _row(i, nh, repeat_t), _row(j, nw, repeat_s)
+            if mask[r, c]:
+                cost += cell_cost[r, c]
+    for i in range(r0 - 1, r0 + height):
+        for j in range(c0, c0 + width + 1):
+            if (i < 0 and not repeat_t) or (j >= nw and not repeat_s):
+                continue
+            r, c = _row(i, nh, repeat_t), _row(j, nw, repeat_s)
+            if not active[r, c]:
+                cost += max(-texel_cost[r, c], 0.0) if mask[r, c] else max(texel_cost[r, c], 0.0)
+    return cost
+
+
+@_compiled
 def _anneal(mask, active, cell_cost, texel_cost, places, unit, trials, repeat_t, repeat_s, seed):
-    """Simulated annealing by rectangles of up to 2 x 2 cells about `places` (P, 2)."""
+    """Simulated annealing by rectangles of up to 2 x 2 or 1 x 4 cells about `places` (P, 2)."""
     nh, nw = mask.shape
     state = np.array([seed * 2 + 0x9E3779B97F4A7C15], np.uint64)
-    saved = np.empty((2, 2), mask.dtype)
+    saved, fresh = np.empty((6, 6), mask.dtype), np.empty((8, 8), np.uint8)
+    broken = np.empty((nh, nw), np.uint8)
+    for r in range(nh):
+        for c in range(nw):
+            broken[r, c] = _broken(mask, active, r, c, repeat_t, repeat_s)
     for trial in range(trials):
         progress = trial / trials
-        heat = unit * 0.3 * 0.01**progress
+        heat = unit * _HEAT * _COOLING**progress
         penalty = unit * (0.5 + 2 * progress)
         place = int(random(state) * len(places))
-        height, width = 1 + int(random(state) * 2), 1 + int(random(state) * 2)
+        height, width = min(1 + int(random(state) * 2), nh), min(1 + int(random(state) * 2), nw)
+        if random(state) < 0.3:  # a stretch of a staircase
+            length = 2 + int(random(state) * 3)
+            height, width = (1, min(length, nw)) if random(state) < 0.5 else (min(length, nh), 1)
         r0 = places[place, 0] - int(random(state) * height)
         c0 = places[place, 1] - int(random(state) * width)
         if not repeat_t:
             r0 = min(max(r0, 0), nh - height)
         if not repeat_s:
             c0 = min(max(c0, 0), nw - width)
+        r0, c0, height, width = tied(r0, c0, height, width, nh, nw, repeat_t, repeat_s)
         side = 1 - mask[places[place, 0], places[place, 1]]
-        before = _cost_near(mask, active, cell_cost, texel_cost, penalty, r0, c0, height, width, repeat_t, repeat_s)
+        before = _plain_cost_near(mask, active, cell_cost, texel_cost, r0, c0, height, width, repeat_t, repeat_s)
+        first_row, last_row = r0 - 1, r0 + height + 1
+        first_column, last_column = c0 - 1, c0 + width + 1
+        if not repeat_t or last_row - first_row > nh:
+            first_row, last_row = max(first_row, 0), min(last_row, nh)
+        if not repeat_s or last_column - first_column > nw:
+            first_column, last_column = max(first_column, 0), min(last_column, nw)
+        count = 0
+        for i in range(first_row, last_row):
+            for j in range(first_column, last_column):
+                count += broken[_row(i, nh, repeat_t), _row(j, nw, repeat_s)]
         for i in range(height):
             for j in range(width):
                 saved[i, j] = mask[_row(r0 + i, nh, repeat_t), _row(c0 + j, nw, repeat_s)]
         _set(mask, active, r0, c0, height, width, side, repeat_t, repeat_s)
-        after = _cost_near(mask, active, cell_cost, texel_cost, penalty, r0, c0, height, width, repeat_t, repeat_s)
-        if after > before and random(state) >= np.exp((before - after) / heat):
-            for i in range(height):
-                for j in range(width):
-                    mask[_row(r0 + i, nh, repeat_t), _row(c0 + j, nw, repeat_s)] = saved[i, j]
-            update_active(mask, active, r0, c0, height, width, repeat_t, repeat_s)
+        # Metropolis: accepted if exp((before - after) / heat) exceeds a uniform number, decided as early as possible.
+        limit = before + penalty * count - heat * np.log(max(random(state), 1e-12))
+        after = _plain_cost_near(mask, active, cell_cost, texel_cost, r0, c0, height, width, repeat_t, repeat_s)
+        for i in range(first_row, last_row):
+            if after > limit:
+                break
+            for j in range(first_column, last_column):
+                now = _broken(mask, active, _row(i, nh, repeat_t), _row(j, nw, repeat_s), repeat_t, repeat_s)
+                fresh[i - first_row, j - first_column] = now
+                after += penalty * now
+        if after <= limit:
+            for i in range(first_row, last_row):
+                for j in range(first_column, last_column):
+                    broken[_row(i, nh, repeat_t), _row(j, nw, repeat_s)] = fresh[i - first_row, j - first_column]
+            continue
+        for i in range(height):
+            for j in range(width):
+                mask[_row(r0 + i, nh, repeat_t), _row(c0 + j, nw, repeat_s)] = saved[i, j]
+        update_active(mask, active, r0, c0, height, width, repeat_t, repeat_s)
 
 
 @_compiled
-def _improve(mask, active, cell_cost, texel_cost, penalty, repeat_t, repeat_s, passes):
+def _improve(mask, active, cell_cost, texel_cost, penalty, repeat_t, repeat_s, passes, box):
     """Moves of up to 3 x 3 cells wherever a rule is broken or a texel is on the wrong side."""
-    saved = np.empty((3, 3), mask.dtype)
+    saved = np.empty((5, 5), mask.dtype)
     for _ in range(passes):
         gain = 0.0
-        for r in range(mask.shape[0]):
-            for c in range(mask.shape[1]):
+        for r in range(box[0], min(box[2], mask.shape[0])):
+            for c in range(box[1], min(box[3], mask.shape[1])):
                 cost = texel_cost[r, c]
                 wrong = not active[r, c] and ((mask[r, c] and cost < 0) or (not mask[r, c] and cost > 0))
                 if wrong or _broken(mask, active, r, c, repeat_t, repeat_s):

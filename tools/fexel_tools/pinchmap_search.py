@@ -12,7 +12,7 @@ import numba
 import numpy as np
 
 from fexel_tools.pinchmap_gamma import cell_errors, cells_of, descend, refresh
-from fexel_tools.pinchmap_legal import broken_near, random, update_active
+from fexel_tools.pinchmap_legal import broken_near, random, tied, update_active
 
 __all__ = ["clip_levels", "costs_of_turning", "exchange", "search", "sweep", "sweep_freely"]
 
@@ -221,6 +221,7 @@ def _change_mask(m, mask, active, g, locked, r, c, unit, state):
         r0 = min(max(r0, 0), nh - height)
     if not m.repeat_s:
         c0 = min(max(c0, 0), nw - width)
+    r0, c0, height, width = tied(r0, c0, height, width, nh, nw, m.repeat_t, m.repeat_s)
     side = 1 if random(state) < 0.5 else 0
     changed = False
     for i in range(height):
