@@ -21,6 +21,7 @@ import numpy as np
 
 from fexel.errors import FexelError
 from fexel_tools import fallback, pinchmap_stage
+from fexel_tools.pinchmap_auto import largest_auto_size, smallest_size
 from fexel_tools.pinchmap_baking import WHOLE, reconstruct
 from fexel_tools.pinchmap_fit import PinchmapFit, fit
 from fexel_tools.pinchmap_measure import measure_shape, psnr_db
@@ -269,17 +270,19 @@ def compute_pinchmap(file: str, options: PinchmapOptions, phases: Phases | None 
 
 def _fit(source: PinchmapSource, options: PinchmapOptions) -> tuple[int, PinchmapFit]:
     height, width = source.side.shape
-    settings = {"wrap": options.wrap, "seed": options.seed, "bits": _FIT_BITS[options.bits]}
-    if options.size == AUTO:
-        from fexel_tools.pinchmap_fit import fit_auto
-
-        return fit_auto(source.side, options.tolerance, **settings)
-    size = int(options.size)
-    shape = map_shape(width, height, size)
     # A line is as wide as the texels are, which cropping would stretch.
     content = None if options.line_width > 0.0 else source.opacity > 0.0
-    window = choose_window(source.side, shape, wrap=options.wrap, content=content)
-    return size, fit(source.side, shape, window=window, **settings)
+
+    def attempt(size: int) -> PinchmapFit:
+        shape = map_shape(width, height, size)
+        window = choose_window(source.side, shape, wrap=options.wrap, content=content)
+        bits = _FIT_BITS[options.bits]
+        return fit(source.side, shape, wrap=options.wrap, seed=options.seed, bits=bits, window=window)
+
+    if options.size == AUTO:
+        return smallest_size(attempt, options.tolerance, largest_auto_size(width, height), str(source.path))
+    size = int(options.size)
+    return size, attempt(size)
 
 
 def _cut(source: PinchmapSource, window: Window) -> PinchmapSource:
