@@ -73,7 +73,8 @@ vec2 pinch_displace(vec4 texel, vec2 position, vec2 gradient, float h, float ant
     float scale = 1.0 / max(rest + away, 1e-6);            // 1e-6 is for a line at the very end
     float seen = clamp(0.5 * footprint, h, 0.5);
     float slope = 2.0 * seen * inversesqrt(max(antialias * antialias * dot(gradient, gradient), 1e-20));
-    float target = clamp(away * slope, away * scale, (away + seen * rest) * scale);
+    // 1e-9 gives a hard edge a side where k is gamma exactly, as it is along lines on the lattice.
+    float target = clamp(max(away, 1e-9) * slope, away * scale, (away + seen * rest) * scale);
     float moved = pinch_fade(footprint) * side * (1.0 - rest - target);
     return moved * pinch_direction(texel.xy, k, texel.z);
 }

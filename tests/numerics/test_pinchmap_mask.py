@@ -43,7 +43,7 @@ def legal_ones(masks, outside):
 def faults(mask, wrap, h, rng, per_cell=12, reach=0.5):
     """Share of places that show an undesired fexel, and number of parts of other fexels that no place shows.
 
-    Signal fexels are the squares between signal texels; those around an active pinchmap texel are undesired. A part is a
+    Signal fexels are the squares between signal texels, undesired around an active pinchmap texel. A part is a
     quarter of a cell of the mask, less what an undesired fexel has of it.
     """
     size = np.array(mask.shape[::-1])

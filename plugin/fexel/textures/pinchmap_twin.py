@@ -48,6 +48,7 @@ FADE_END = 2.0
 """Footprint, in pinchmap texels, from which the signal's mip levels are shown as they are."""
 _SAMPLES = 8  # along a cell, for its average
 _ZERO = 1e-6  # where d or k is a zero with rounding errors the alternatives for k mean nothing
+_ON_LINE = 1e-9  # gives a hard edge a side where k is gamma exactly, as it is along lines on the lattice
 _HARD = 1e-10  # width of a hard edge, in units of k
 _GUARD = 1e-6  # of divisors that vanish together with what they divide
 _FLOOR = 1e-30  # keeps logarithms and divisions finite where the jacobian is 0
@@ -343,7 +344,7 @@ class _Segment:
     def displacement(self, h: float, width: NDArray[np.float64], footprint: NDArray[np.float64]) -> NDArray[np.float64]:
         """(M, 2), in pinchmap texels; width of the transition in units of k, footprint in texels."""
         seen = np.clip(0.5 * footprint, h, 0.5)
-        ramp = 2 * seen * self._away / np.maximum(width, _HARD)
+        ramp = 2 * seen * np.maximum(self._away, _ON_LINE) / np.maximum(width, _HARD)
         target = np.clip(ramp, self._away * self._scale, (self._away + seen * self._rest) * self._scale)
         return (_fade(footprint) * self._side * (1 - self._rest - target))[:, None] * self._direction
 
