@@ -12,6 +12,7 @@ do not run.
 
 from __future__ import annotations
 
+import functools
 import gzip
 import warnings
 import zlib
@@ -31,7 +32,17 @@ _SUFFIXES = (".svg", ".svgz")
 _MOST_BYTES = 64 << 20  # of markup: bounds what a compressed file can unpack to
 _HREFS = ("href", "{http://www.w3.org/1999/xlink}href")
 _CSS_PIXELS_PER_INCH = 96
-_PROBE = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 64 32"><text y="28" font-size="28">Mg</text></svg>'
+_DEEPEST = 128  # nested elements: resvg recurses, and a thread's stack may be small
+_PROBE = (
+    '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 64 32">'
+    '<text y="28" font-size="28" font-family="{}">Mg</text></svg>'
+)
+_SANS = ("Arial", "Helvetica", "Liberation Sans", "DejaVu Sans", "Noto Sans", "Open Sans", "Roboto", "FreeSans")
+_FAMILIES = {  # of fonts that systems come with, the first that is there stands for the generic family
+    "sans_serif_family": _SANS,
+    "serif_family": ("Times New Roman", "Liberation Serif", "DejaVu Serif", "Noto Serif", "FreeSerif", *_SANS),
+    "monospace_family": ("Courier New", "Liberation Mono", "DejaVu Sans Mono", "Noto Sans Mono", "FreeMono", *_SANS),
+}
 
 
 def is_vector_image(path: str | Path) -> bool:
@@ -68,11 +79,14 @@ def rasterize(path: str | Path, longer_side_px: int) -> NDArray[np.uint8]:
     root = _parse(path)
     dropped = _drop_external_references(root)
     if dropped:
-        _warn(f"{path}: {len(dropped)} references outside the file are not followed, first '{dropped[0]}'")
-    has_text = any(_local_name(element) == "text" for element in root.iter())
-    if has_text and not _has_fonts():
-        _warn(f"{path}: has text and no font for it was found; it is left out: convert the text to paths")
-    return _draw(path, root, longer_side_px, skip_system_fonts=not has_text)
+        more = f" and {len(dropped) - 1} more" if len(dropped) > 1 else ""
+        _warn(f"{path}: '{dropped[0]}'{more} is outside the file and is not drawn; embed it as data:")
+    families: dict[str, str] = {}
+    if any(_local_name(element) == "text" for element in root.iter()):
+        families = _installed_families()
+        if not families:
+            _warn(f"{path}: has text and no font for it was found; it is left out: convert the text to paths")
+    return _draw(path, root, longer_side_px, families)
 
 
 def _parse(path: str | Path) -> ElementTree.Element:
@@ -90,7 +104,17 @@ def _parse(path: str | Path) -> ElementTree.Element:
         raise FexelError(f"{path}: not well-formed XML: {error}") from None
     if _local_name(root) != "svg":
         raise FexelError(f"{path}: the root element is '{_local_name(root)}', expected 'svg'")
+    _check_depth(path, root)
     return root
+
+
+def _check_depth(path: str | Path, root: ElementTree.Element) -> None:
+    level = [root]
+    for _ in range(_DEEPEST):
+        level = [child for element in level for child in element]
+        if not level:
+            return
+    raise FexelError(f"{path}: elements nested too deeply, expected at most {_DEEPEST} levels")
 
 
 def _unpacked(path: str | Path, data: bytes) -> bytes:
@@ -123,25 +147,34 @@ def _drop_external_references(root: ElementTree.Element) -> list[str]:
     return dropped
 
 
-def _has_fonts() -> bool:
-    """Whether text in the default font leaves a mark."""
-    return bool(_decode(resvg_py.svg_to_bytes(svg_string=_PROBE, width=64, dpi=_CSS_PIXELS_PER_INCH))[..., 3].any())
+@functools.cache
+def _installed_families() -> dict[str, str]:
+    """Fonts of this machine for the generic families, and for families that it does not have; empty without any."""
+    found = {}
+    for generic, candidates in _FAMILIES.items():
+        family = next((family for family in candidates if _leaves_a_mark(family)), None)
+        if family is not None:
+            found[generic] = family
+    return found and {"font_family": found["serif_family"], **found}
+
+
+def _leaves_a_mark(family: str) -> bool:
+    probe = resvg_py.svg_to_bytes(svg_string=_PROBE.format(family), width=64, dpi=_CSS_PIXELS_PER_INCH)
+    return bool(_decode(probe)[..., 3].any())
 
 
 def _draw(
-    path: str | Path, root: ElementTree.Element, longer_side_px: int, *, skip_system_fonts: bool
+    path: str | Path, root: ElementTree.Element, longer_side_px: int, families: dict[str, str]
 ) -> NDArray[np.uint8]:
     try:
-        markup = ElementTree.tostring(root, encoding="unicode")
         png = resvg_py.svg_to_bytes(
-            svg_string=markup,
+            svg_string=ElementTree.tostring(root, encoding="unicode"),
             width=longer_side_px,  # the drawing is fitted into a square of this size, its aspect kept
             height=longer_side_px,
             dpi=_CSS_PIXELS_PER_INCH,  # without it lengths in pt or mm have no size
-            skip_system_fonts=skip_system_fonts,
+            skip_system_fonts=not families,
+            **families,
         )
-    except RecursionError:
-        raise FexelError(f"{path}: elements nested too deeply to be drawn") from None
     except ValueError as error:
         raise FexelError(f"{path}: cannot be drawn: {' '.join(str(error).split())}") from None
     return _decode(png)
