@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 from pathlib import Path
 
 import numpy as np
@@ -154,6 +155,21 @@ def test_many_files_make_a_folder_and_a_bad_one_spoils_nothing(folder):
     one = make_pinchmaps(given, "one", PinchmapOptions(size=12), jobs=1)
     assert len(one.items) == 3
     assert digests("one") == digests("icons")
+
+
+class Lethal(str):
+    """A file name that ends the process that receives it, as a crash in a decoder would."""
+
+    __slots__ = ()
+
+    def __reduce__(self):
+        return os._exit, (3,)
+
+
+def test_file_that_kills_its_process_takes_no_other_with_it(folder):
+    result = make_pinchmaps(["drop.svg", Lethal("lethal.png")], "icons", PinchmapOptions(size=8), jobs=2)
+    assert [item.file for item in result.items] == ["drop.svg"]
+    assert result.failed == (("lethal.png", "lethal.png: the process that read it ended unexpectedly"),)
 
 
 def test_folder_of_nothing_but_failures_is_not_left_behind(folder):
