@@ -15,6 +15,8 @@ import fexel
 
 __all__ = [
     "add_even_light",
+    "add_image_material",
+    "add_matt_surface",
     "add_scopes",
     "add_wall",
     "add_zipmap_material",
@@ -68,12 +70,20 @@ def add_even_light(stage: Usd.Stage) -> None:
     dome.CreateIntensityAttr(1.0)
 
 
-def add_wall(stage: Usd.Stage, width: float, height: float, material: UsdShade.Material) -> UsdGeom.Mesh:
-    """A rectangle in the plane z = 0 about the origin, st over [0,1]^2."""
-    mesh = UsdGeom.Mesh.Define(stage, "/World/Wall")
-    x, y = width / 2, height / 2
-    mesh.CreatePointsAttr([(-x, -y, 0), (x, -y, 0), (x, y, 0), (-x, y, 0)])
-    mesh.CreateExtentAttr([(-x, -y, 0), (x, y, 0)])
+def add_wall(
+    stage: Usd.Stage,
+    width: float,
+    height: float,
+    material: UsdShade.Material,
+    path: str = "/World/Wall",
+    center: tuple[float, float, float] = (0.0, 0.0, 0.0),
+) -> UsdGeom.Mesh:
+    """A rectangle about `center`, facing +z, st over [0,1]^2."""
+    mesh = UsdGeom.Mesh.Define(stage, path)
+    low, high = np.array(center) - (width / 2, height / 2, 0), np.array(center) + (width / 2, height / 2, 0)
+    corners = np.array([low, (high[0], low[1], low[2]), high, (low[0], high[1], low[2])], np.float32)
+    mesh.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(corners))
+    mesh.CreateExtentAttr(Vt.Vec3fArray.FromNumpy(corners[[0, 2]]))
     mesh.CreateFaceVertexCountsAttr([4])
     mesh.CreateFaceVertexIndicesAttr([0, 1, 2, 3])
     mesh.CreateNormalsAttr([(0, 0, 1)] * 4)
@@ -91,10 +101,10 @@ def add_st(mesh: UsdGeom.Mesh, st: np.ndarray) -> None:
     primvar.Set(Vt.Vec2fArray.FromNumpy(np.ascontiguousarray(st, np.float32)))
 
 
-def add_zipmap_material(
+def add_matt_surface(
     stage: Usd.Stage, path: str, roughness: float = 1.0, ior: float = 1.0
-) -> tuple[UsdShade.Material, fexel.ZipmapTexture]:
-    """A UsdPreviewSurface whose diffuseColor is a ZipmapTexture, both below `path`.
+) -> tuple[UsdShade.Material, UsdShade.Shader]:
+    """A material at `path` and its UsdPreviewSurface.
 
     With an index of refraction of 1 nothing is reflected specularly: under an even light the texture shows as it is.
     """
@@ -104,6 +114,32 @@ def add_zipmap_material(
     surface.CreateInput("roughness", Sdf.ValueTypeNames.Float).Set(roughness)
     surface.CreateInput("ior", Sdf.ValueTypeNames.Float).Set(ior)
     material.CreateSurfaceOutput().ConnectToSource(surface.ConnectableAPI(), "surface")
+    return material, surface
+
+
+def add_image_material(stage: Usd.Stage, path: str, file: str) -> UsdShade.Material:
+    """A matt surface that shows an image, read by a UsdUVTexture."""
+    material, surface = add_matt_surface(stage, path)
+    reader = UsdShade.Shader.Define(stage, f"{path}/St")
+    reader.CreateIdAttr("UsdPrimvarReader_float2")
+    reader.CreateInput("varname", Sdf.ValueTypeNames.String).Set("st")
+    image = UsdShade.Shader.Define(stage, f"{path}/Image")
+    image.CreateIdAttr("UsdUVTexture")
+    image.CreateInput("file", Sdf.ValueTypeNames.Asset).Set(Sdf.AssetPath(file))
+    st = image.CreateInput("st", Sdf.ValueTypeNames.Float2)
+    st.ConnectToSource(reader.CreateOutput("result", Sdf.ValueTypeNames.Float2))
+    for wrap in ("wrapS", "wrapT"):
+        image.CreateInput(wrap, Sdf.ValueTypeNames.Token).Set("clamp")
+    color = surface.CreateInput("diffuseColor", Sdf.ValueTypeNames.Color3f)
+    color.ConnectToSource(image.CreateOutput("rgb", Sdf.ValueTypeNames.Float3))
+    return material
+
+
+def add_zipmap_material(
+    stage: Usd.Stage, path: str, roughness: float = 1.0, ior: float = 1.0
+) -> tuple[UsdShade.Material, fexel.ZipmapTexture]:
+    """A matt surface whose diffuseColor is a ZipmapTexture, both below `path`."""
+    material, surface = add_matt_surface(stage, path, roughness, ior)
     zipmap = fexel.ZipmapTexture.Define(stage, f"{path}/Texture")
     color = surface.CreateInput("diffuseColor", Sdf.ValueTypeNames.Color3f)
     color.ConnectToSource(zipmap.ConnectableAPI(), "rgb")
