@@ -20,7 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fexel.errors import FexelError
-from fexel_tools.pinchmap_gamma import Lattice, cell_errors, lattice_of
+from fexel_tools.pinchmap_faults import Fault, find_faults
+from fexel_tools.pinchmap_gamma import Lattice, cell_errors, lattice_of, wrong_pixels
 from fexel_tools.pinchmap_legal import legalise, update_active
 from fexel_tools.pinchmap_mask import channels, violations
 from fexel_tools.pinchmap_search import clip_levels, costs_of_turning, exchange, search, sweep, sweep_freely
@@ -32,26 +33,6 @@ _UNITS = {8: 1 / 127, 16: 1 / 32767, 32: 1 / 32767}
 _MOST_PIXELS, _FEWEST_PIXELS = 64, 8  # along a cell, of the image that is fitted
 
 Window = tuple[float, float, float, float]
-
-
-@dataclass(frozen=True)
-class Fault:
-    """A place where a pinchmap cannot follow its source.
-
-    Attributes
-    ----------
-    x, y : float
-        In source pixels from the upper left corner.
-    reason : str
-        ``crossing``, ``junction``, ``too near`` or ``too small``.
-    pixels : int
-        Wrong there.
-    """
-
-    x: float
-    y: float
-    reason: str
-    pixels: int
 
 
 @dataclass(frozen=True)
@@ -123,8 +104,10 @@ def fit(
     else:
         levels, mask = _solve(image, lattice, shape, repeat, scaled, unit, seed)
     pinchmap = _pinchmap_of(levels, mask, wrap, unit)
-    wrong = _wrong_pixels(side, shape, repeat, full, pinchmap)
-    return PinchmapFit(pinchmap, mask, wrong / side.size, full)
+    plus = (side > 0.5).astype(np.uint8)
+    wrong = wrong_pixels(plus, pinchmap[..., 2] - pinchmap[..., 3], repeat, full)
+    faults = find_faults(plus, wrong, ((full[2] - full[0]) / shape[1], (full[3] - full[1]) / shape[0]))
+    return PinchmapFit(pinchmap, mask, float(wrong.mean()), full, faults)
 
 
 def _at_working_size(side: NDArray, shape: tuple[int, int], window: Window) -> tuple[NDArray, Window]:
@@ -159,6 +142,9 @@ def _solve(image, lattice: Lattice, shape, repeat, window, unit: float, seed: in
     cell_errors(lattice, levels, errors)
     for _ in range(2):
         sweep_freely(lattice, levels, errors, 0.1, 0.004)
+    if FREE:
+        everywhere = np.ones(shape, np.uint8)
+        search(lattice, everywhere, everywhere, levels, errors, locked, 1 / 127, 8 / 127, int(FREE * (errors > 0).sum()), 0.0, seed)
     mask = _legal_mask(lattice, levels, errors, distance, locked, repeat, seed)
     cells, active = mask.astype(np.uint8), np.empty(shape, np.uint8)
     update_active(cells, active, 0, 0, *shape, repeat[1], repeat[0])
@@ -184,7 +170,7 @@ def _solve(image, lattice: Lattice, shape, repeat, window, unit: float, seed: in
 
 ROUNDS = ((0.2, 3.0), (0.5, 1.5), (0.2, 1.5), (1.0, 3.0), (0.1, 1.0))
 RESTARTS, PER_PLACE = 3, 200
-TRIALS, SHARE = 8, 0.2
+TRIALS, SHARE, FREE = 8, 0.2, 0
 
 
 def _locked(size, shape, window):
@@ -224,10 +210,3 @@ def _pinchmap_of(levels, mask, wrap, unit):
     parts = channels(mask, wrap)
     gamma = np.rint((parts[..., 2] - levels) / unit) * unit
     return np.concatenate([parts, np.clip(gamma, -1 + unit, 1 - unit)[..., None]], axis=2)
-
-
-def _wrong_pixels(side, shape, repeat, window, pinchmap) -> int:
-    """On the source's own pixels; those outside the window see the map clamped."""
-    lattice = lattice_of((side > 0.5).astype(np.uint8), shape, repeat, window)
-    errors = np.zeros(shape, np.int64)
-    return int(cell_errors(lattice, pinchmap[..., 2] - pinchmap[..., 3], errors))

@@ -18,7 +18,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Lattice", "cell_errors", "cells_of", "descend", "lattice_of", "refresh"]
+__all__ = ["Lattice", "cell_errors", "cells_of", "descend", "lattice_of", "refresh", "wrong_pixels"]
 
 _compiled = numba.njit(cache=True, nogil=True, error_model="numpy")
 
@@ -276,3 +276,57 @@ def descend(m, g, errors, r, c, low, high, step, least, cells, trial):
         if not moved:
             step *= 0.5
     return before - best
+
+
+def wrong_pixels(
+    plus: NDArray[np.uint8],
+    levels: NDArray[np.float64],
+    repeat: tuple[bool, bool],
+    window: tuple[float, float, float, float],
+) -> NDArray[np.uint8]:
+    """1 where a map shows the other side than the image, straight from the definition.
+
+    Parameters
+    ----------
+    plus : (H, W) uint8
+    levels : (Nh, Nw) float64
+        k - gamma.
+    repeat : (bool, bool)
+        Along s and t. Where not, the map is clamped, also over pixels outside the window.
+    window : (float, float, float, float)
+        Left, top, right and bottom of the map in pixels.
+
+    Returns
+    -------
+    (H, W) uint8
+    """
+    height, width = plus.shape
+    nh, nw = levels.shape
+    x = (np.arange(width) + 0.5 - window[0]) * (nw / (window[2] - window[0]))
+    y = (np.arange(height) + 0.5 - window[1]) * (nh / (window[3] - window[1])) - 1
+    if not repeat[0]:
+        x = np.clip(x, 0, nw - 1)
+    if not repeat[1]:
+        y = np.clip(y, 0, nh - 1)
+    return _wrong_pixels(plus, np.ascontiguousarray(levels), x, y)
+
+
+@_compiled
+def _wrong_pixels(plus, g, x, y):
+    nh, nw = g.shape
+    wrong = np.zeros(plus.shape, np.uint8)
+    for i in range(plus.shape[0]):
+        r = int(np.floor(y[i]))
+        v = y[i] - r
+        upper, lower = g[r % nh], g[min(r + 1, nh - 1) if v == 0 else (r + 1) % nh]
+        j = 0
+        while j < plus.shape[1]:
+            c = int(np.floor(x[j]))
+            left, right = c % nw, (c + 1) % nw
+            tl, tr, bl, br = upper[left], upper[right], lower[left], lower[right]
+            top, bottom = tl + v * (bl - tl), tr + v * (br - tr)
+            while j < plus.shape[1] and int(np.floor(x[j])) == c:
+                shown = 1 if top + (x[j] - c) * (bottom - top) > 0 else 0
+                wrong[i, j] = 1 if shown != plus[i, j] else 0
+                j += 1
+    return wrong
