@@ -252,15 +252,17 @@ def _shape_rows(results: list[_Result], size: int, setting: str) -> Iterator[Row
         comparison="<=",
         reference=_ELSEWHERE["mismatch"][size],
     )
+    iou = _median(results, lambda result: result.iou)
     yield _row(
-        "IoU, median",
+        "1 - IoU, median",
         setting,
         results,
-        lambda result: result.iou,
-        "",
-        target=_ASKED["iou"][size],
-        comparison=">=",
+        lambda result: 1000 * (1 - result.iou),
+        "/1000",
+        target=1000 * (1 - _ASKED["iou"][size]),
+        comparison="<=",
         reference=_ELSEWHERE["iou"][size],
+        note=f"IoU {iou:.5f}, asked for {_ASKED['iou'][size]}",
     )
     yield _row("boundary distance, mean; median", setting, results, lambda result: result.mean_px, "source pixels")
     yield _row("boundary distance, largest; median", setting, results, lambda result: result.max_px, "source pixels")
