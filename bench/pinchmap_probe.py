@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.pinchmap_texture import blob_mask
 from fexel.renderer.program import ProgramCache
 from fexel.textures.pinchmap_twin import decode_texels, edge, encode_texels, signal_half_texel
-from fexel_tools.pinchmap_mask import channels, violations
+from fexel_tools.pinchmap_mask import channels
 
 if TYPE_CHECKING:
     import moderngl
@@ -27,7 +28,7 @@ def random_pinchmap(
     rng: np.random.Generator, width: int, height: int, k: int, reach: float = 0.9
 ) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
     """A legal pinchmap of 8 bits with blobs and random lines, and a signal of two smooth colours, 2^k times as fine."""
-    mask = _legal(rng.random((-(-height // 4), -(-width // 4))).repeat(4, 0).repeat(4, 1)[:height, :width] > 0.5)
+    mask = blob_mask(rng, (height, width), ("clamp", "clamp"))
     gamma = rng.uniform(-reach, reach, mask.shape)
     pinchmap = decode_texels(encode_texels(np.dstack([channels(mask), gamma])))
     ratio = 2**k
@@ -38,18 +39,6 @@ def random_pinchmap(
     signal = np.dstack([np.where(side[..., None], bright, dark), np.where(side, 1.0, 0.5)])
     signal[..., :3] *= signal[..., 3:]
     return pinchmap, signal.astype(np.float32)
-
-
-def _legal(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Cells that break a rule go to the side of their left or lower neighbours until none does."""
-    mask = mask.copy()
-    for _ in range(4 * mask.size):
-        places = np.argwhere(violations(mask))
-        if not len(places):
-            return mask
-        row, column = places[0]
-        mask[max(row - 1, 0) : row + 2, max(column - 1, 0) : column + 2] = mask[row, max(column - 1, 0)]
-    return np.zeros_like(mask)
 
 
 @dataclass(frozen=True)

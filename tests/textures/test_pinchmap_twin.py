@@ -374,6 +374,10 @@ def test_lines_are_not_drawn_where_strength_is_zero_and_cover_with_their_alpha()
     bare = sample_pinchmap(pinchmap, signal, st, np.eye(2) / 500)
     assert np.allclose(shown[0], bare[0])
     assert np.allclose(shown[1], 0.5 * bare[1] + [0, 0.5, 0, 0.5])
+    half = sample_pinchmap(
+        straight()[0] * [0.5, 0.5, 1, 1], signal, st, np.eye(2) / 500, line_width=0.4, line_color=green
+    )
+    assert np.allclose(half[:, 1], 0.75 * bare[:, 1] + 0.25)  # a line is as strong as its discontinuity
 
 
 def test_levels_finer_than_the_mask_are_the_signals_and_coarser_ones_the_pictures(rng):

@@ -15,9 +15,9 @@ __all__ = ["Lattice", "blocks", "trilinear"]
 _BLOCK = 1 << 14
 
 
-def blocks(count: int) -> Iterator[slice]:
-    """Slices of at most a block's length that cover `count` points."""
-    return (slice(start, min(start + _BLOCK, count)) for start in range(0, count, _BLOCK))
+def blocks(count: int, length: int = _BLOCK) -> Iterator[slice]:
+    """Slices of at most `length` that cover `count` points."""
+    return (slice(start, min(start + length, count)) for start in range(0, count, length))
 
 
 class Lattice:

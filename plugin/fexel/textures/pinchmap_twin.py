@@ -1,19 +1,10 @@
 """Pinchmaps in float64 NumPy: the oracle of shaders/pinchmap_warp.glsl, and lookups without a GPU.
 
 The program of sections 4 to 6 of Tarini and Cignoni 2005 ("Pinchmaps: textures with customizable discontinuities"),
-with its open points settled as follows. The pinchmap is fetched at st + 0.5 / size whatever the size of the signal, so
-that its texel lies at the lower left corner of its cell. Of the two alternatives for the rectified k the one nearer to
-k^B is right. The direction is divided by 1 - max(|k|, |k^B|). The target on the segment is evaluated directly and held
-above a ramp, which makes anti-aliasing continuous, monotone and centred for every gamma:
-
-    m = (1 - sk) / (1 - s gamma),   T = s clamp(beta |k - gamma|, 1 - m, 1 - (1 - h) m),   s = sign(k - gamma)
-
-m falls from 1 at the line to 0 at the end of the segment. A ramp as steep as you like gives eq. (1); the lower bound
-leaves no step at the end of the segment where the ramp is wider than the segment, and is the unpinched signal moved to
-the line. Beta makes the transition `antialias` pixels wide, measured across the line by the gradient of k^B - gamma^B.
-
-Seen from far away, a pixel covers several signal texels: the wider undesired fexels of their mip level are pinched (h
-grows to 0.5, a whole cell of the mask); past that the displacement fades and the mip levels show averages.
+with its open points settled as `fexel.textures.pinchmap_segment` says. The pinchmap is fetched at st + 0.5 / size
+whatever the size of the signal, so that its texel lies at the lower left corner of its cell. Edges are as wide as asked
+in pixels, measured across the line by the gradient of k^B - gamma^B. Where a pixel covers whole cells, the displacement
+fades and the mip levels show averages.
 
 Conventions: images are (H, W, C), row 0 at the top; a pinchmap is (Nh, Nw, 4): d_s, d_t, k, gamma in [-1, 1]. s runs
 right, t runs up. M is a number of points.
@@ -30,6 +21,7 @@ from numpy.typing import NDArray
 from fexel import mipmaps
 from fexel.errors import FexelError
 from fexel.textures.pinchmap_lattice import Lattice, blocks, trilinear
+from fexel.textures.pinchmap_segment import Segment
 
 __all__ = [
     "Pinch",
@@ -42,16 +34,9 @@ __all__ = [
     "signal_half_texel",
 ]
 
-FADE_START = 1.0
-"""Footprint, in pinchmap texels, up to which discontinuities are pinched in full."""
-FADE_END = 2.0
-"""Footprint, in pinchmap texels, from which the signal's mip levels are shown as they are."""
 _SAMPLES = 8  # along a cell, for its average
-_ZERO = 1e-6  # where d or k is a zero with rounding errors the alternatives for k mean nothing
-_ON_LINE = 1e-9  # gives a hard edge a side where k is gamma exactly, as it is along lines on the lattice
-_HARD = 1e-10  # width of a hard edge, in units of k
-_GUARD = 1e-6  # of divisors that vanish together with what they divide
-_FLOOR = 1e-30  # keeps logarithms and divisions finite where the jacobian is 0
+_CELLS = 1 << 11  # averaged at once, for memory
+_FLOOR = 1e-30  # keeps logarithms finite where the jacobian is 0
 
 
 @dataclass(frozen=True)
@@ -214,7 +199,7 @@ def pinch(
             across = gradient[where]
             slope = _texel_gradient(across, axes[where])
         width = antialias * np.hypot(across[:, 0], across[:, 1])
-        part = _Segment(texel[active], fraction[active])
+        part = Segment(texel[active], fraction[active])
         offset = part.displacement(h, width, footprint[where])
         result.st[where] += offset * direction[active] / size
         if line_width > 0:
@@ -321,55 +306,12 @@ def picture_levels(
     inside = (np.arange(_SAMPLES) + 0.5) / _SAMPLES
     places = np.stack(np.meshgrid(inside, inside), -1).reshape(-1, 2)
     corners = np.stack([column, height - 1 - row], 1)
-    st = (corners[:, None, :] + places).reshape(-1, 2) / (width, height)
     jacobian = np.diag([1 / (width * _SAMPLES), 1 / (height * _SAMPLES)])
-    color = sample_pinchmap(pinchmap, levels, st, jacobian, line_width=line_width, line_color=line_color, wrap=wrap)
-    picture[row, column] = color.reshape(len(row), len(places), 4).mean(1)
+    for block in blocks(len(row), _CELLS):
+        st = (corners[block, None, :] + places).reshape(-1, 2) / (width, height)
+        color = sample_pinchmap(pinchmap, levels, st, jacobian, line_width=line_width, line_color=line_color, wrap=wrap)
+        picture[row[block], column[block]] = color.reshape(-1, len(places), 4).mean(1)
     return [*(np.asarray(level, np.float32) for level in levels[: same + 1]), *mipmaps.pyramid(picture)[1:]]
-
-
-class _Segment:
-    """Points on their pinch segments, all (M,): what `pinch_displace` of shaders/pinchmap_warp.glsl computes."""
-
-    def __init__(self, texel: NDArray[np.float64], fraction: NDArray[np.float64]) -> None:
-        d, k_b = texel[:, :2], texel[:, 2]
-        self.edge = k_b - texel[:, 3]
-        self._away = np.abs(self.edge)
-        self._side = np.where(self.edge > 0, 1.0, -1.0)
-        k = _rectified(d, k_b, fraction)
-        self._direction = np.clip(d / np.maximum(1 - np.maximum(np.abs(k), np.abs(k_b)), _GUARD)[:, None], -1, 1)
-        self._rest = 1 - self._side * k  # from here to the end of the segment
-        self._scale = 1 / np.maximum(self._rest + self._away, _GUARD)  # 1 over the whole way from the line to there
-
-    def displacement(self, h: float, width: NDArray[np.float64], footprint: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(M, 2), in pinchmap texels; width of the transition in units of k, footprint in texels."""
-        seen = np.clip(0.5 * footprint, h, 0.5)
-        ramp = 2 * seen * np.maximum(self._away, _ON_LINE) / np.maximum(width, _HARD)
-        target = np.clip(ramp, self._away * self._scale, (self._away + seen * self._rest) * self._scale)
-        return (_fade(footprint) * self._side * (1 - self._rest - target))[:, None] * self._direction
-
-    def line_coverage(
-        self, half: NDArray[np.float64], width: NDArray[np.float64], footprint: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        """Share of a pixel of `width` under a line twice `half` wide, in units of k; times the strength."""
-        pixel = np.maximum(width, _HARD)
-        near, far = 0.5 + (half - self._away) / pixel, 0.5 - (half + self._away) / pixel
-        strength = np.max(np.abs(self._direction), axis=1)
-        return (np.clip(near, 0, 1) - np.clip(far, 0, 1)) * strength * _fade(footprint)
-
-
-def _rectified(d: NDArray[np.float64], k_b: NDArray[np.float64], fraction: NDArray[np.float64]) -> NDArray[np.float64]:
-    """k, linear along the segment (5.1): of the two alternatives the nearer to the interpolated one."""
-    magnitude = np.abs(k_b)
-    alternatives = np.where(d * k_b[:, None] > 0, 1 - fraction, fraction)
-    error = np.abs(alternatives - magnitude[:, None])
-    nearer = np.where(error[:, 0] < error[:, 1], alternatives[:, 0], alternatives[:, 1])
-    means_something = np.min(np.abs(d), axis=1) * magnitude > _ZERO
-    return np.where(means_something, np.copysign(nearer, k_b), k_b)
-
-
-def _fade(footprint: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.clip((FADE_END - footprint) / (FADE_END - FADE_START), 0, 1)
 
 
 def _major_axis(axes: NDArray[np.float64]) -> NDArray[np.float64]:
