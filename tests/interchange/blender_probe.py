@@ -76,6 +76,11 @@ def main(stage, albedo):
     report = {
         "materials": {m.name: material_report(m) for m in bpy.data.materials if m.node_tree},
         "images": load_images(),
+        "color_spaces": {
+            bpy.path.abspath(image.filepath): image.colorspace_settings.name
+            for image in bpy.data.images
+            if image.filepath
+        },
         "meshes": {
             o.name: [s.material.name for s in o.material_slots if s.material] for o in scene.objects if o.type == "MESH"
         },

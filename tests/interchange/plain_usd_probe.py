@@ -5,6 +5,7 @@ import sys
 
 from pxr import Usd, UsdShade, UsdValidation
 
+TEXTURES = ("ZipmapTexture", "PinchmapTexture")
 COLOUR_INPUTS = (
     "diffuseColor",
     "emissiveColor",
@@ -23,7 +24,7 @@ def probe(path):
         "materials": {},
     }
     for prim in stage.TraverseAll():
-        if prim.GetTypeName() == "ZipmapTexture":
+        if prim.GetTypeName() in TEXTURES:
             report["textures"][str(prim.GetPath())] = {
                 "schema": str(prim.GetPrimTypeInfo().GetSchemaTypeName()),
                 "is_node_graph": bool(prim.IsA(UsdShade.NodeGraph)),

@@ -1,4 +1,4 @@
-"""A stage with zipmaps opens in stock usd-core: without our plugin every texture is a NodeGraph with a colour."""
+"""Stages open in stock usd-core: without our plugin every zipmap and pinchmap is a NodeGraph with a colour."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def probe_without_plugin(stage: Path) -> dict:
 
 def check_interchange(report: dict) -> None:
     assert report["modules"] == [], "the probe must run without fexel"
-    assert report["textures"], "no ZipmapTexture on the stage"
+    assert report["textures"], "no texture of fexel on the stage"
     for path, texture in report["textures"].items():
         assert texture == {"schema": "NodeGraph", "is_node_graph": True}, path
     sources = [(path, name, source) for path, m in report["materials"].items() for name, source in m["inputs"].items()]
