@@ -132,6 +132,25 @@ def test_scale_and_bias_decode_the_signal_before_it_is_shown(gl, files):
     assert (scaled[..., 3] == 1).all()
 
 
+def test_scale_and_bias_of_a_patch_are_its_own(gl, tmp_path, files):
+    """As in a zipmap of normals: root and patch decode alike, each once."""
+    # Hard edges: anti-aliased ones differ by how derivatives are taken.
+    decode = {"antialias": 0.0, "scale": (2, 2, 2, 1), "bias": (-1, -1, -1, 0)}
+    base = save(tmp_path / "base.tif", np.full((32, 32, 4), [0.5, 0.5, 1, 1], np.float32))
+    stage = zipmap_stage(Patch(base, np.eye(3), color_space="raw"))
+    for name in ("scale", "bias"):
+        stage.GetPrimAtPath("/Zipmap").CreateAttribute(f"inputs:{name}", Sdf.ValueTypeNames.Float4).Set(decode[name])
+    define_pinchmap(stage, "/Zipmap/dent", *files, **decode, matrix=np.diag([2.0, 2.0, 1.0]))
+    alone = pinchmap_stage(*files, **decode, wrapS="clamp", wrapT="clamp")
+    whole = front_view((0.02, 0.02), (0.48, 0.48), 64, 64)
+    twice = front_view((0.04, 0.04), (0.96, 0.96), 64, 64)
+    patch = render_texture(gl, zipmap_texture(stage), quad(), whole)
+    expected = render_texture(gl, zipmap_texture(alone, "/Pinchmap"), quad(), twice)
+    assert np.quantile(np.abs(patch - expected), 0.999) < 2e-3
+    outside = render_texture(gl, zipmap_texture(stage), quad(), front_view((0.6, 0.6), (0.9, 0.9), 8, 8))
+    assert np.abs(outside - [0, 0, 1, 1]).max() < 0.01
+
+
 def test_signal_of_one_texel_with_a_pinchmap_of_one_is_its_colour(gl, tmp_path):
     signal = save_texels(tmp_path / "one.png", np.full((1, 1, 4), [255, 51, 0, 255], np.uint8))
     for value in ([127, 127, 254, 127], [127, 127, 127, 127], [254, 254, 127, 200], [255, 255, 255, 255]):

@@ -27,9 +27,9 @@ STEP = 256
 class Made:
     """A pinchmap and its signal as files and as arrays."""
 
-    def __init__(self, rng, folder, octaves=1, wrap=("clamp", "clamp"), bits=8, opaque=True):
+    def __init__(self, rng, folder, octaves=1, wrap=("clamp", "clamp"), bits=8, opaque=True, shape=SHAPE):
         self.wrap = wrap
-        self.pinchmap, mask = random_pinchmap(rng, SHAPE, wrap)
+        self.pinchmap, mask = random_pinchmap(rng, shape, wrap)
         self.signal = two_sides(rng, mask, octaves, opaque) / STEP
         self.signal[..., 3] = np.where(self.signal[..., 3] > 0.9, 1.0, self.signal[..., 3])
         stored = self.pinchmap.astype(np.float32) if bits == 32 else encode_texels(self.pinchmap, bits)
@@ -177,6 +177,18 @@ def test_pinchmap_minified_equals_the_twin(gl, tmp_path, rng, pixels):
     assert np.abs(rendered - expected).max() < 1e-3
 
 
+@pytest.mark.parametrize("shape", [(7, 13), (13, 9)])
+@pytest.mark.parametrize("footprint", [0.4, 1.6, 3.1])
+def test_pinchmap_of_odd_size_minified_equals_the_twin(gl, tmp_path, rng, shape, footprint):
+    made = Made(rng, tmp_path, 2, shape=shape)
+    half = 2 * footprint / np.array(shape[::-1])
+    view = front_view(np.maximum(0.5 - half, 0.02), np.minimum(0.5 + half, 0.98), 4, 4)
+    st, jacobian, _ = pixel_st(view)
+    rendered, between_pixels = render(gl, made.texture(), quad(), view, anisotropy=1)
+    gradient = quad_gradient(edge(made.pinchmap, st).reshape(4, 4)) if between_pixels else None
+    assert np.abs(rendered - made.expected(view, st, jacobian, gradient)).max() < 1e-3
+
+
 def test_pinchmap_minified_does_not_shimmer(gl, tmp_path, rng):
     made = Made(rng, tmp_path)
     texture, shades = made.texture(), []
@@ -251,6 +263,26 @@ def test_pinchmap_nested_under_a_projective_matrix_ends_at_its_horizon(gl, tmp_p
     error = np.abs(rendered.reshape(-1, 4)[inside] - expected).max(axis=1)
     assert np.quantile(error, 0.9) < 0.02
     assert np.abs(rendered.reshape(-1, 4)[outside] - [0, 0.5, 0, 1]).max() < 3e-3
+
+
+@pytest.mark.parametrize("wrap", ["black", "useMetadata", "clamp", "repeat"])
+def test_pinchmap_that_just_fills_a_surface_goes_the_fast_way(gl, tmp_path, rng, wrap):
+    made = Made(rng, tmp_path)
+    made.wrap = (wrap, wrap)
+    for view in (front_view((-0.2, -0.2), (1.2, 1.2), 512, 512), front_view((0.2, 0.2), (0.8, 0.8), 512, 512)):
+        assert render(gl, made.texture(), quad(), view)[1]
+
+
+@pytest.mark.parametrize("matrix", [homography.scale(3, 2), np.array([[1.2, 0.3, 0.1], [-0.2, 0.9, 0.2], [0.1, 0, 1]])])
+def test_pinchmap_follows_its_own_matrix(gl, tmp_path, rng, matrix):
+    made = Made(rng, tmp_path, wrap=("repeat", "repeat"))
+    view = front_view((0.1, 0.1), (0.4, 0.4), 96, 96)
+    st, jacobian, _ = pixel_st(view)
+    rendered, between_pixels = render(gl, made.texture(matrix=matrix), quad(), view, anisotropy=1)
+    place = homography.apply(matrix, st)
+    gradient = quad_gradient(edge(made.pinchmap, place, made.wrap).reshape(96, 96)) if between_pixels else None
+    expected = made.expected(view, place, homography.jacobian(matrix, st) @ jacobian, gradient)
+    assert np.abs(rendered - expected).max() < 2e-3
 
 
 def test_pinchmap_data_aovs_hold_level_and_layer(gl, tmp_path, rng):

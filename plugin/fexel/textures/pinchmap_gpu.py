@@ -65,6 +65,7 @@ class _PinchmapPlan:
     images: _Images
     levels: tuple[int, int]
     seen: PairView
+    bounds: tuple[NDArray[np.float64], NDArray[np.float64]]
     wrap: tuple[str, str]
 
     @property
@@ -98,7 +99,9 @@ class _PinchmapPlan:
             has_edges=images.has_edges,
             nested=self.sight.nested,
         )
-        low, high = seen.low[0] * images.size, seen.high[0] * images.size
+        # What is displaced, and samples just beside a triangle, may reach across the border.
+        low, high = self.bounds
+        near = _REACH / images.size
         return pinchmap_slot(
             constants,
             pool.records,
@@ -107,8 +110,8 @@ class _PinchmapPlan:
             deep=bool(seen.lod_low[0] - images.octaves < -_DEEP),
             minified=bool(seen.lod_high[0] > 0),
             probes=bool(seen.probes[0] > 1),
-            outside=bool((low < -_ROUNDING).any() or (high > images.size + _ROUNDING).any()),
-            across=bool((low < _REACH).any() or (high > images.size - _REACH).any()),
+            outside=bool((low < -_ROUNDING).any() or (high > 1 + _ROUNDING).any()),
+            across=bool((seen.low[0] < near).any() or (seen.high[0] > 1 - near).any()),
         )
 
     def _levels_within(self, pool: TexturePool) -> tuple[int, int]:
@@ -159,7 +162,14 @@ def plan(data: PinchmapData, sight: Sight, pool: TexturePool) -> _PinchmapPlan:
         image, own = images.level(level)
         _ask(pool, image, own, uv)
     _ask(pool, images.pinchmap, 0, uv)
-    return _PinchmapPlan(data, sight, images, (finest, coarsest), seen, facts.wrap)
+    return _PinchmapPlan(data, sight, images, (finest, coarsest), seen, _bounds(sight), facts.wrap)
+
+
+def _bounds(sight: Sight) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Least and largest st of the texture that are seen; NaN, which nothing lies within, beyond a horizon."""
+    low, high = sight.pieces.low.min(axis=0), sight.pieces.high.max(axis=0)
+    corners = homography.apply(sight.local_to_st, low + homography.UNIT_SQUARE * (high - low))
+    return corners.min(axis=0), corners.max(axis=0)
 
 
 def _ask(pool: TexturePool, image: int, level: int, uv: tuple[NDArray[np.float64], NDArray[np.float64]]) -> None:
