@@ -1,7 +1,7 @@
 """Colour continued under transparent pixels, so that filtering across an edge never brings in a colour nobody meant.
 
-Push and pull (Gortler et al., The Lumigraph, 1996, section 4.4): colours, weighted by how far their alpha can be
-trusted, are averaged down to one pixel; on the way up, pixels that lack weight take the coarser level's colour.
+Push and pull (Gortler et al., The Lumigraph, 1996, section 4.4): colours of the pixels whose alpha can be trusted are
+averaged down to one pixel; on the way up, cells that lack such pixels take the coarser level's colour.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ def bleed_color(
         0..1.
     trusted_alpha : float
         From here on a pixel's colour is its own; below, where few of its digits are left after a multiplication by
-        alpha in 8 bits, it blends over to its neighbours'.
+        alpha in 8 bits, it is its neighbours'.
 
     Returns
     -------
@@ -36,23 +36,25 @@ def bleed_color(
         `color` itself where alpha >= `trusted_alpha`; within the bounds of those colours elsewhere. 0 throughout where
         no pixel has alpha.
     """
-    weight = np.minimum(alpha * np.float32(1 / trusted_alpha), np.float32(1))
-    if weight.min() >= 1:
+    own = (alpha >= trusted_alpha).astype(np.uint8)
+    if own.all():
         return color
-    filled = _blend(color, _coarse_fill(color, weight), weight)
-    cv2.copyTo(color, np.uint8(weight >= 1), filled)
+    filled = _enlarged(_coarse_fill(color, own), own.shape)
+    cv2.copyTo(color, own, filled)
     return filled
 
 
-def _coarse_fill(color: NDArray[np.float32], weight: NDArray[np.float32]) -> NDArray[np.float32]:
+def _coarse_fill(color: NDArray[np.float32], own: NDArray[np.uint8]) -> NDArray[np.float32]:
     """Filled colours at half the resolution."""
-    pushed = [_halved(cv2.multiply(color, cv2.merge([weight] * 3))), _halved(weight)]
-    levels = [pushed]
+    kept = cv2.copyTo(color, own, np.zeros_like(color))
+    levels = [(_halved(kept), _halved(own.astype(np.float32)))]
     while max(levels[-1][1].shape) > 1:
-        levels.append([_halved(plane) for plane in levels[-1]])
+        premultiplied, covered = levels[-1]
+        levels.append((_halved(premultiplied), _halved(covered)))
     filled = _divided(*levels.pop())
     for premultiplied, covered in reversed(levels):
-        filled = _blend(_divided(premultiplied, covered), filled, np.minimum(covered * _PIXELS_PER_CELL, 1))
+        weight = np.minimum(covered * _PIXELS_PER_CELL, 1)
+        filled = cv2.blendLinear(_divided(premultiplied, covered), _enlarged(filled, covered.shape), weight, 1 - weight)
     return filled
 
 
@@ -62,12 +64,12 @@ def _divided(premultiplied: NDArray[np.float32], covered: NDArray[np.float32]) -
 
 def _halved(plane: NDArray[np.float32]) -> NDArray[np.float32]:
     height, width = plane.shape[:2]
-    even = cv2.copyMakeBorder(plane, 0, height % 2, 0, width % 2, cv2.BORDER_REPLICATE)
+    is_even = not (height % 2 or width % 2)
+    even = plane if is_even else cv2.copyMakeBorder(plane, 0, height % 2, 0, width % 2, cv2.BORDER_REPLICATE)
     return cv2.resize(even, (-(-width // 2), -(-height // 2)), interpolation=cv2.INTER_AREA)
 
 
-def _blend(own: NDArray[np.float32], coarse: NDArray[np.float32], weight: NDArray[np.float32]) -> NDArray[np.float32]:
-    """`own` where weight is 1, `coarse`, enlarged, where it is 0."""
-    height, width = weight.shape
+def _enlarged(coarse: NDArray[np.float32], shape: tuple[int, int]) -> NDArray[np.float32]:
+    """Twice the size, to rows and columns."""
     fine = cv2.resize(coarse, (2 * coarse.shape[1], 2 * coarse.shape[0]), interpolation=cv2.INTER_LINEAR)
-    return cv2.blendLinear(own, np.ascontiguousarray(fine[:height, :width]), weight, 1 - weight)
+    return np.ascontiguousarray(fine[: shape[0], : shape[1]])

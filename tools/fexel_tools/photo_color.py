@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import warnings
 
+import cv2
 import numpy as np
 import OpenImageIO as oiio
 
@@ -38,7 +39,9 @@ _SRGB_TABLE = srgb_to_linear(np.arange(256) / np.float32(255))
 
 def decode_srgb_uint8(color: np.ndarray) -> np.ndarray:
     """Linear float32 of 8-bit sRGB values, any shape."""
-    return _SRGB_TABLE[color]
+    if not color.size:
+        return np.zeros(color.shape, np.float32)
+    return cv2.LUT(np.ascontiguousarray(color), _SRGB_TABLE).reshape(color.shape)  # 4 times as fast as indexing
 
 
 def to_linear_rec709(color: np.ndarray, color_space: str, chromaticities: tuple[float, ...] | None) -> np.ndarray:

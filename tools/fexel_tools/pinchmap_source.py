@@ -189,7 +189,8 @@ def _load_drawing(
     pixels = rasterize(path, min(longer_side, LONGEST_SIDE_PX))
     if not pixels[..., 3].any():
         raise FexelError(f"{path}: the drawing is empty, expected something drawn within its viewport")
-    color = pixels[..., :3] / np.float32(255) if raw else decode_srgb_uint8(pixels[..., :3])
+    stored = cv2.cvtColor(pixels, cv2.COLOR_RGBA2RGB)
+    color = stored / np.float32(255) if raw else decode_srgb_uint8(stored)
     return color, pixels[..., 3] / np.float32(255), 8
 
 
