@@ -40,7 +40,9 @@ def outlines(alpha: np.ndarray) -> list[np.ndarray]:
     """
     padded = np.pad(alpha, 1)
     lines = contourpy.contour_generator(z=padded).lines(0.5)
-    polygons = [_polygon(line - 0.5) for line in lines]  # padded pixel centre (1, 1) is at (0.5, 0.5)
+    polygons = [
+        _polygon(np.asarray(line, np.float64) - 0.5) for line in lines
+    ]  # padded pixel centre (1, 1) is at (0.5, 0.5)
     return [polygon for polygon in polygons if len(polygon) >= 3]
 
 

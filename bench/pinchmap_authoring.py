@@ -23,6 +23,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 from unittest import mock
 
 import cv2
@@ -80,6 +81,7 @@ class _Result:
     reason: str
 
 
+_T = TypeVar("_T")
 _results: dict[int, list[_Result]] = {}
 
 
@@ -165,7 +167,7 @@ def _inner_edges(source: PinchmapSource) -> float:
     return float(np.mean((step.max(2) > _VISIBLE_STEP) & (line == 0)))
 
 
-def _cpu(work: Callable[[], object]) -> tuple[float, object]:
+def _cpu(work: Callable[[], _T]) -> tuple[float, _T]:
     start = time.process_time()
     result = work()
     return time.process_time() - start, result

@@ -5,8 +5,8 @@ bytes are given, each with the map that fits into them:
 
 * as bound: RGBA8_SNORM, 4 bytes per texel;
 * as it could be stored: a byte of gamma and a bit of mask per texel; d and k are made again when it is loaded;
-* as it could be bound where only the side is wanted: the level k - gamma in one 8-bit channel, 1 byte per texel. The
-  side is its bilinear interpolation's sign, a single filtered access.
+* as it could be bound where only the side is wanted: the level k - gamma, clipped to [-1, 1], in one 8-bit
+  channel, 1 byte per texel. The side is the sign of its bilinear interpolation, a single filtered access.
 
 All ways cover what is drawn and a rim, and are judged over the whole picture.
 """
@@ -115,9 +115,9 @@ def _pinchmap(shape: Shape, nbytes: int, bytes_per_texel: float) -> ShapeTexture
 
 
 def _level(shape: Shape, nbytes: int) -> ShapeTexture:
-    """The level, -2 to 2, in the 255 values of an 8-bit signed normalised channel."""
+    """The level as R8_SNORM; where it lies beyond 1, the line is hardly ever near."""
     levels, window = _levels(shape, nbytes, 1)
-    return _drawn(shape, np.rint(levels / 2 * 127), window, 1)
+    return _drawn(shape, np.rint(np.clip(levels, -1, 1) * 127), window, 1)
 
 
 def _levels(shape: Shape, nbytes: int, bytes_per_texel: float) -> tuple[np.ndarray, Window]:
