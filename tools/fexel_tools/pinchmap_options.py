@@ -35,7 +35,7 @@ class PinchmapOptions:
     signal_size : int
         Signal texels along the longer side, 2^K times `size`; 0: as `size`. With ``auto`` the most that may be used.
     regions : str
-        For sources without alpha: ``auto``, a number of regions, or an image of labels; '' is ``auto``.
+        For sources without alpha: ``auto``, a number of colours, or an image of labels; '' takes the alpha.
     mask : str
         Image that says which side of the lines a pixel is on, instead of the source's alpha; '' for none.
     raw : bool

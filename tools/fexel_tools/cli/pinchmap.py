@@ -49,7 +49,8 @@ def _pinchmap(
         str,
         typer.Option(
             "--regions",
-            help="For images without alpha: auto, a number of regions, or an image of labels; default: auto.",
+            help="For images without alpha, and for colours inside a cut-out: auto, a number of colours, or an image "
+            "of labels; default: the alpha.",
         ),
     ] = "",
     mask: Annotated[
