@@ -165,7 +165,7 @@ def _subtract_shown(texels, place_u, place_v, wraps, table, values):
 
 
 @numba.njit(cache=True, nogil=True)
-def accumulate(color, opacity, side, pinchmap, signal_shape, wraps, table, texels, moments):
+def accumulate(color, opacity, side, pinchmap, signal_shape, wraps, table, texels, every, moments):
     """Sum the moments of all pixels, and return the range and squares of what they show.
 
     Parameters
@@ -183,6 +183,8 @@ def accumulate(color, opacity, side, pinchmap, signal_shape, wraps, table, texel
     texels : (Sh, Sw, 4) float64
         Empty, or a signal whose error is to be summed instead of the picture: linear, premultiplied, alpha above 0, row
         0 lowest.
+    every : int
+        Only each so manieth row of pixels is looked at.
     moments : (Sh + 1, Sw + 1, MOMENTS) float64
         Zeros on entry; entry (b, a) is the fexel whose lowest texel is (b - 1, a - 1).
 
@@ -199,7 +201,7 @@ def accumulate(color, opacity, side, pinchmap, signal_shape, wraps, table, texel
     summary = np.zeros((3, 4))
     summary[0], summary[1] = np.inf, -np.inf
     sums, values = np.zeros(14), np.empty(4)
-    for y in range(height):
+    for y in range(every // 2, height, every):
         v = (1.0 - (y + 0.5) / height) * map_rows
         j = min(int(v), map_rows - 1)
         last = _NONE

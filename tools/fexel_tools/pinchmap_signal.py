@@ -43,6 +43,7 @@ _SWEEPS = 6
 _UNEVEN = (
     1 / 510
 )  # root mean square error, encoded, below which a picture is as good as reproduced: half a step of 8 bits
+_ROWS_FOR_CORRECTION = 8  # of pixels, in a texel: so many show what is lacking
 _LEAST_ALPHA = 1e-3  # of a texel whose colour is compared: keeps premultiplied colours apart where nothing is seen
 _TABLE = linear_to_srgb(np.linspace(0, 1, 4097) ** 2)
 _NO_TABLE = np.zeros(0, np.float32)
@@ -88,7 +89,7 @@ def fill_signal(
     signal = np.stack([_solved(matrix[int(c == 3)], right[..., c], bounds[:, c]) for c in range(4)], axis=-1)
     error = sum(squares[c] + squared_error(matrix[0], _plane(right, c), _plane(signal, c)) for c in range(3))
     if not source.is_data and error > 3 * _UNEVEN**2 * weight:
-        _correct(signal, matrix[0], bounds, view)
+        _correct(signal, bounds, view)
     signal = signal[::-1]
     rgb = signal[..., :3] if source.is_data else srgb_to_linear(signal[..., :3])
     return np.concatenate([rgb, signal[..., 3:]], axis=-1).astype(np.float32)
@@ -103,10 +104,11 @@ class _View:
     signal_shape: tuple[int, int]
     wraps: tuple[bool, bool]
 
-    def equations(self, texels: NDArray[np.float64] = _NO_TEXELS):
+    def equations(self, texels: NDArray[np.float64] = _NO_TEXELS, every: int = 1):
         """Bounds (2, 4), weighted squares (4,), normal matrix (2, Sh, Sw, 9) and right side; rows upwards.
 
-        Of the picture; given the linear, premultiplied texels of a signal, of what that lacks.
+        Of the picture; given the linear, premultiplied texels of a signal, of what that lacks. From every so manieth
+        row of pixels.
         """
         source = self.source
         moments = np.zeros((self.signal_shape[0] + 1, self.signal_shape[1] + 1, MOMENTS))
@@ -119,20 +121,23 @@ class _View:
             self.wraps,
             _NO_TABLE if source.is_data else _TABLE,
             texels,
+            every,
             moments,
         )
         bounds = summary[:2] if np.isfinite(summary[:2]).all() else np.zeros((2, 4))  # not a single pixel counts
         return bounds, summary[2], *stencils(moments, *self.wraps)
 
 
-def _correct(signal, matrix, bounds, view: _View) -> None:
+def _correct(signal, bounds, view: _View) -> None:
     """One step of Gauss and Newton for the colours, in place: they are interpolated in linear light, premultiplied."""
     alpha = np.maximum(signal[..., 3:], _LEAST_ALPHA)
     texels = np.concatenate([srgb_to_linear(signal[..., :3]) * alpha, alpha], axis=-1)
-    lacking = view.equations(texels)[3]
+    every = min(max(view.source.side.shape[0] // view.signal_shape[0] // _ROWS_FOR_CORRECTION, 1), 4)
+    _, _, matrix, lacking = view.equations(texels, every)
+    _add_membrane(matrix, lacking, view)
     anything = np.array([-np.inf, np.inf])
     for c in range(3):
-        step = _solved(matrix, lacking[..., c], anything)
+        step = _solved(matrix[0], lacking[..., c], anything)
         signal[..., c] = np.clip(signal[..., c] + step, *bounds[:, c])
 
 
