@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shutil
+import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +12,7 @@ from pxr import Usd
 
 import fexel
 from fexel.images import linear_to_srgb
-from fexel_tools import demo
+from fexel_tools import demo_pinchmap, demo_zipmap
 from fexel_tools.contact_sheet import SheetRow, contact_sheet
 
 DOCS = Path(__file__).resolve().parent
@@ -56,11 +58,13 @@ def demo_sheet(renderer: fexel.Renderer, count: int, width: int) -> np.ndarray:
     rows, labels = [], []
     for label, root_alone in (("zipmap", False), ("root texture alone", True)):
         stage = Usd.Stage.Open(str(STAGES / "zipmap_demo" / "zipmap_demo.usda"))
-        labels = [f"{value:.1f}x" for value in demo.add_camera(stage, count)]
+        labels = [f"{value:.1f}x" for value in demo_zipmap.add_camera(stage, count)]
         if root_alone:
-            demo.root_texture_alone(stage)
+            demo_zipmap.root_texture_alone(stage)
         frames = range(1, count + 1)
-        rows.append(SheetRow(label, [picture(renderer, stage, width, camera=demo.CAMERA, time=f) for f in frames]))
+        rows.append(
+            SheetRow(label, [picture(renderer, stage, width, camera=demo_zipmap.CAMERA, time=f) for f in frames])
+        )
     return contact_sheet(rows, labels)
 
 
@@ -71,6 +75,13 @@ def teapot_sheet(renderer: fexel.Renderer, width: int) -> np.ndarray:
     pictures = [picture(renderer, stage, width, camera=name) for name in ("Overview", "Head")]
     pictures += [picture(renderer, s, width, camera="Detail") for s in (stage, root)]
     return contact_sheet([SheetRow("", pictures)], ["overview", "closer", "close-up", "close-up, root texture alone"])
+
+
+def write_pinchmaps(width: int) -> None:
+    """The sheet of `make demo` as ``docs/images/pinchmap.png``."""
+    with tempfile.TemporaryDirectory() as folder:
+        result = demo_pinchmap.make_pinchmap_demo(demo_pinchmap.bundled_sources(), Path(folder), width)
+        shutil.copyfile(result.sheet, DOCS / "images" / "pinchmap.png")
 
 
 def write(name: str, pixels: np.ndarray) -> None:
@@ -93,6 +104,7 @@ def main() -> None:
             zoom_sheet(renderer, "zipmap_deep", "/World/Materials/Deep/Texture", [1, 9, 17, 25, 33, 41, 48], 180),
         )
         write("zoom", demo_sheet(renderer, 6, 224))
+    write_pinchmaps(240)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""`make demo`: photos to a stage, a zoom with and without patches, a contact sheet, one line."""
+"""`make demo`: photos to a stage, a zoom with and without patches, a contact sheet, a line; then pinchmaps."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 from pxr import Usd, UsdGeom
 
 import fexel
-from fexel_tools import demo
+from fexel_tools import demo, demo_pinchmap, demo_zipmap
 
 oiio = pytest.importorskip("OpenImageIO")
 
@@ -20,7 +20,7 @@ def finished(tmp_path_factory, _gl_session):
     output = tmp_path_factory.mktemp("demo") / "out"
     with warnings.catch_warnings():  # the direct match across 10x is moved content and is left out, with a warning
         warnings.simplefilter("ignore", fexel.FexelWarning)
-        return demo.make_demo(demo.bundled_photos(), output, frames=2, width=160)
+        return demo_zipmap.make_zipmap_demo(demo_zipmap.bundled_photos(), output, frames=2, width=160)
 
 
 def pixels(path):
@@ -33,7 +33,7 @@ def sharpness(image):
 
 def test_demo_places_all_three_photos_in_one_nest(finished):
     stage = Usd.Stage.Open(str(finished.stage))
-    patches = fexel.ZipmapTexture.Get(stage, demo.TEXTURE_PATH).GetPatches()
+    patches = fexel.ZipmapTexture.Get(stage, demo_zipmap.TEXTURE_PATH).GetPatches()
     assert [patch.depth for patch in patches] == [0, 1, 2]
     assert not [finding for finding in fexel.validate(stage) if finding.severity == "error"]
 
@@ -47,8 +47,8 @@ def test_patches_show_where_the_zoom_ends_and_hardly_where_it_begins(finished):
 def test_root_alone_is_an_override_that_leaves_the_stage_as_it_is(finished):
     before = finished.stage.read_bytes()
     stage = Usd.Stage.Open(str(finished.stage))
-    demo.root_texture_alone(stage)
-    assert len(fexel.ZipmapTexture.Get(stage, demo.TEXTURE_PATH).GetPatches()) == 1
+    demo_zipmap.root_texture_alone(stage)
+    assert len(fexel.ZipmapTexture.Get(stage, demo_zipmap.TEXTURE_PATH).GetPatches()) == 1
     assert not stage.GetRootLayer().dirty
     assert finished.stage.read_bytes() == before
 
@@ -61,10 +61,10 @@ def test_contact_sheet_holds_every_frame(finished):
 
 def test_camera_of_the_demo_goes_from_the_overview_past_the_detail(finished):
     stage = Usd.Stage.Open(str(finished.stage))
-    magnifications = demo.add_camera(stage, 12)
+    magnifications = demo_zipmap.add_camera(stage, 12)
     steps = np.diff(np.log(magnifications))
     np.testing.assert_allclose(steps, steps[0])
-    camera = UsdGeom.Camera.Get(stage, demo.CAMERA)
+    camera = UsdGeom.Camera.Get(stage, demo_zipmap.CAMERA)
     zoom = UsdGeom.Camera.Get(stage, "/World/Cameras/Zoom")
     eyes = np.array([camera.ComputeLocalToWorldTransform(frame).ExtractTranslation() for frame in range(1, 13)])
     start, end = (zoom.ComputeLocalToWorldTransform(frame).ExtractTranslation() for frame in (1, 48))
@@ -80,3 +80,44 @@ def test_missing_photo_is_one_line_and_leaves_no_stage(tmp_path, capsys):
     assert status == 1 and captured.out == ""
     assert captured.err.startswith("fexel: ") and "none.jpg" in captured.err and captured.err.count("\n") == 1
     assert not list((tmp_path / "out").glob("*.usda"))
+
+
+@pytest.fixture(scope="module")
+def pinched(tmp_path_factory, _gl_session):
+    """The drawing alone, small pictures."""
+    output = tmp_path_factory.mktemp("pinchmap") / "out"
+    output.mkdir()
+    source = demo_pinchmap.bundled_sources()[0]
+    with fexel.Renderer() as renderer:
+        return output, demo_pinchmap.comparison(renderer, source, output / "deer.usda", 160)
+
+
+def test_pinchmap_is_sharp_close_up_where_a_plain_texture_of_as_many_bytes_is_not(pinched):
+    _, row = pinched
+    pinchmap, plain = (np.diff(picture.astype(float), axis=1) for picture in row.pictures[2:])
+    assert np.abs(pinchmap).max() > 100 > 2 * np.abs(plain).max()
+
+
+def test_pinchmap_and_plain_texture_show_the_same_from_afar(pinched):
+    _, row = pinched
+    pinchmap, plain = (picture.astype(float) for picture in row.pictures[:2])
+    assert np.abs(pinchmap - plain).mean() < 6
+    assert np.ptp(pinchmap) > 200
+
+
+def test_plain_texture_has_no_more_bytes_than_the_pinchmap(pinched):
+    output, row = pinched
+    columns = [
+        oiio.ImageInput.open(str(output / name)).spec() for name in ("deer_plain.png", "deer_textures/signal.png")
+    ]
+    plain, signal = (spec.width * spec.height * spec.nchannels for spec in columns)
+    assert 0.97 * 2 * signal < plain <= 2 * signal  # the map is as large as the signal
+    assert f"{plain} bytes" in row.label
+
+
+def test_stages_of_the_demo_stay_as_the_command_wrote_them(pinched):
+    """The plain texture is an override of the session layer."""
+    output, _ = pinched
+    stage = Usd.Stage.Open(str(output / "deer.usda"))
+    assert "plain" not in stage.GetRootLayer().ExportToString()
+    assert not [finding for finding in fexel.validate(stage) if finding.severity == "error"]

@@ -151,6 +151,6 @@ def test_transparent_part_of_a_pinchmap_is_transparent_in_blender(blender_python
     yellow = srgb_to_linear(np.array([247, 181, 0]) / 255)
     is_sign = np.abs(albedo - yellow).max(-1) < 0.1
     assert is_sign[9:23, 10:24].mean() > 0.3
-    # One pixel of the square that carries the sign lies outside of its board on every side: bricks are seen there, where
-    # the colour under the transparent texels is the board's yellow.
+    # One pixel of the square that carries the sign lies outside of its board on every side. Bricks are seen there; the
+    # colour under the transparent texels is the board's yellow.
     assert not is_sign[:, :9].any() and not is_sign[:, 25:].any()
