@@ -5,6 +5,7 @@ import pytest
 
 from bench.pinchmap_probe import Probe, quad_gradient, random_pinchmap, view_of
 from fexel import mipmaps
+from fexel.renderer.program import load_shader
 from fexel.textures.pinchmap_twin import edge, picture_levels, sample_pinchmap
 
 HARD, SOFT = 1e-4, 1e-3
@@ -84,3 +85,12 @@ def test_float_texels_equal_the_twin(gl, rng):
     for view in views(rng, pinchmap, 20.0):
         difference, distance = compare(gl, (pinchmap, levels), view, False, 1.0, texel_type="float")
         assert difference[np.abs(distance) > 1e-4].max() <= SOFT
+
+
+@pytest.mark.parametrize("exact", [False, True])
+def test_the_pinch_compiles_as_glsl_es(gl, exact):
+    defines = {"PINCHMAP_EXACT": exact, "PINCHMAP_LINES": True, "PINCHMAP_MAGNIFIED": False}
+    head = "#version 300 es\nprecision highp float;\nprecision highp sampler2D;"
+    sources = [load_shader(name, defines).text for name in ("fullscreen.vert", "pinchmap_plain.frag")]
+    vertex, fragment = (text.replace("#version 330 core", head) for text in sources)
+    gl.program(vertex_shader=vertex, fragment_shader=fragment).release()
