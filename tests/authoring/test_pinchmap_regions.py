@@ -10,7 +10,7 @@ from fexel.images import srgb_to_linear
 from fexel_tools.pinchmap_labels import find_labels
 from fexel_tools.pinchmap_regions import label_sides, region_sides
 from fexel_tools.pinchmap_source import load_source
-from fexel_tools.region_graph import build_graph, merge_regions
+from fexel_tools.region_graph import absorb_regions, build_graph, merge_regions
 
 
 def _disc(height, width, x, y, radius):
@@ -157,6 +157,31 @@ def test_merging_joins_the_least_different_first_and_keeps_totals(rng):
     assert len(few.area) <= 2
     whole, number = merge_regions(graph, 10.0, 1e9, 200)
     assert len(whole.area) == 1 and not len(whole.edges)
+
+
+def test_what_is_too_narrow_for_the_map_is_no_region():
+    """Stripes of 10 pixels between fields: told apart by a map with texels of 4 pixels, not by one of 16."""
+    picture = np.full((256, 512, 3), 0.8, np.float32)
+    picture[:, 256:] = 0.02
+    picture[:, 120:130] = (0.02, 0.02, 0.3)
+    picture[:, 380:390] = (0.8, 0.8, 0.5)
+    fine = region_sides(picture, _opaque(picture), texels=128)
+    coarse = region_sides(picture, _opaque(picture), texels=32)
+    assert fine.regions == 6 and coarse.regions == 2
+    assert np.count_nonzero(np.diff(fine.side[100] > 0.5)) == 5
+    assert np.flatnonzero(np.diff(coarse.side[100] > 0.5)).tolist() == [255]
+
+
+def test_marked_regions_join_the_least_different_neighbour():
+    labels = np.repeat(np.arange(5), 6)[None].repeat(4, axis=0).astype(np.int32)
+    level = np.float32([0, 40, 50, 100, 104])
+    graph = build_graph(labels, level[labels][..., None])
+    merged, number = absorb_regions(graph, np.array([False, True, False, False, True]))
+    assert number.tolist() == [0, 1, 1, 2, 2] and merged.area.tolist() == [24, 48, 48]
+    merged, number = absorb_regions(graph, np.ones(5, bool))
+    assert number.tolist() == [0, 0, 0, 1, 1]
+    alone = build_graph(np.zeros((3, 3), np.int32), np.zeros((3, 3, 1), np.float32))
+    assert absorb_regions(alone, np.ones(1, bool))[1].tolist() == [0]
 
 
 def test_a_picture_without_boundaries_says_what_to_pass(tmp_path):

@@ -21,13 +21,14 @@ import numpy as np
 
 from fexel.errors import FexelError
 from fexel_tools import fallback, pinchmap_stage
+from fexel_tools.pinchmap_advice import suggested_size
 from fexel_tools.pinchmap_auto import largest_auto_size, smallest_size
 from fexel_tools.pinchmap_baking import WHOLE, reconstruct
 from fexel_tools.pinchmap_fit import PinchmapFit, fit
 from fexel_tools.pinchmap_measure import measure_shape, psnr_db
 from fexel_tools.pinchmap_options import AUTO, PinchmapOptions, check_options, map_shape
 from fexel_tools.pinchmap_report import PinchmapItem, PinchmapReport
-from fexel_tools.pinchmap_sheet import Panels, draw_panels, write_sheet
+from fexel_tools.pinchmap_sheet import Panels, draw_panels, plain_texture, premultiplied, seen, write_sheet
 from fexel_tools.pinchmap_signal import fill_signal
 from fexel_tools.pinchmap_source import PinchmapSource, load_source
 from fexel_tools.pinchmap_strength import boundary_strength
@@ -75,6 +76,12 @@ class Pinchmap:
     def has_alpha(self) -> bool:
         """Whether anything is seen through the source."""
         return bool((self.source.opacity < 1.0).any())
+
+    @property
+    def texel_px(self) -> float:
+        """Longer side of its texels in pixels of the source."""
+        left, top, right, bottom = self.fit.window
+        return max((right - left) / self.texels.shape[1], (bottom - top) / self.texels.shape[0])
 
     @property
     def detail_st(self) -> np.ndarray | None:
@@ -253,6 +260,7 @@ def compute_pinchmap(file: str, options: PinchmapOptions, phases: Phases | None 
             regions=options.regions or None,
             mask=options.mask or None,
             raw=options.is_data,
+            seed=options.seed,
         )
     with phases("fit"):
         size, fitted = _fit(source, options)
@@ -354,10 +362,14 @@ def _item(pinchmap: Pinchmap, file: str, out: str | Path, nbytes: int, measured:
         signal=(pinchmap.signal.shape[1], pinchmap.signal.shape[0]),
         source=(width, height),
         faults=pinchmap.fit.faults,
+        suggested_size=suggested_size(source.side, pinchmap.fit.faults, pinchmap.size, pinchmap.texel_px),
     )
     if not measured:
         return item
     shape = measure_shape(pinchmap.texels, source.side, pinchmap.wrap, window=pinchmap.fit.window)
-    truth = np.dstack([source.color * source.opacity[..., None], source.opacity])
-    psnr = psnr_db(pinchmap.picture((height, width)), truth, encode=not source.is_data)
-    return replace(item, **shape.as_dict(), psnr_db=psnr)
+    truth = premultiplied(source)
+    plain = seen(plain_texture(truth, nbytes, pinchmap.has_alpha, source.is_data), (width, height))
+    psnr, plain_psnr = (
+        psnr_db(picture, truth, encode=not source.is_data) for picture in (pinchmap.picture((height, width)), plain)
+    )
+    return replace(item, **shape.as_dict(), psnr_db=psnr, plain_psnr_db=plain_psnr)

@@ -111,8 +111,11 @@ def region_sides(
     graph = build_graph(labels, features)
     texel_px = max(labels.shape) / texels
     least_area = (_LEAST_ACROSS * texel_px) ** 2
-    graph, number = merge_regions(graph, _VISIBLE if colors is None else 0.0, least_area, _MOST_REGIONS)
+    threshold = _VISIBLE if colors is None else 0.0
+    graph, number = merge_regions(graph, threshold, least_area, _MOST_REGIONS)
     graph, labels = _without_narrow(graph, number[labels], _LEAST_WIDTH * texel_px)
+    graph, number = merge_regions(graph, threshold, least_area, _MOST_REGIONS)  # what the narrow ones kept apart
+    labels = number[labels]
     weight = graph.length * graph.contrast
     chosen = two_sides(len(graph.area), graph.edges, weight, seed)
     side = soft_side(_background_is_0(chosen[labels]), picture.mixtures(), picture.gather, opacity.shape)
