@@ -201,6 +201,41 @@ def test_auto_that_cannot_be_met_says_how_near_it_came(folder):
     assert not Path("a.usda").exists()
 
 
+STROKES = '<path d="M4 4V60M8 27.4H56M8 30.6H56" stroke="black" stroke-width="2.2"/><path d="M4 4h8v4H4z"/>'
+
+
+def test_places_that_the_map_cannot_express_are_told_with_a_size_that_helps(folder):
+    """Two strokes nearer to each other than a texel."""
+    Path("strokes.svg").write_text(f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 64 64">{STROKES}</svg>')
+    result = run("strokes.svg", "-o", "out.usda", "--size", "16", "--report", "r.json", "--sheet", "s.png")
+    item = json.loads(Path("r.json").read_text())["items"][0]
+    wrong = sum(fault["pixels"] for fault in item["faults"])
+    assert wrong > 0.5 * item["mismatch"] * np.prod(item["source"])
+    for fault in item["faults"]:
+        assert list(fault) == ["x", "y", "reason", "pixels"]
+        assert 0 <= fault["x"] <= 1024 and 0 <= fault["y"] <= 1024
+    assert 350 < item["faults"][0]["y"] < 580, "the worst place is where the strokes are"
+    assert f"--size {item['suggested_size']} would help" in result.output
+    assert f"{item['faults'][0]['reason']} at pixel (" in result.output
+    run("strokes.svg", "-o", "out.usda", "--size", item["suggested_size"], "--report", "r.json")
+    better = json.loads(Path("r.json").read_text())["items"][0]
+    assert sum(fault["pixels"] for fault in better["faults"]) < 0.25 * wrong
+
+
+def test_colours_that_stay_soft_are_told(folder):
+    """An opaque checkerboard with a transparent margin: its outline alone says nothing of the colours inside."""
+    y, x = np.indices((96, 96)) // 8
+    image = np.zeros((96, 96, 4), np.uint8)
+    image[..., :3] = (((x + y) % 2) * 255)[..., None]
+    image[8:-8, 8:-8, 3] = 255
+    write_image("board.png", image)
+    told = run("board.png", "-o", "out.usda", "--size", "16", "--report", "r.json")
+    assert "--regions auto may draw edges" in told.output
+    item = json.loads(Path("r.json").read_text())["items"][0]
+    assert item["psnr_db"] < item["plain_psnr_db"] + 2
+    assert "--regions auto" not in run("drop.svg", "-o", "out.usda", "--size", "16", "--report", "r.json").output
+
+
 def test_options_reach_the_prim(folder):
     result = run(
         "blob.png", "-o", "out.usdc", "--size", "8", "--bits", "16", "--antialias", "2", "--lineWidth", "0.4",

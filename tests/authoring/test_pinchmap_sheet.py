@@ -49,23 +49,8 @@ def pinchmap():
 
 
 def item(*faults):
-    return PinchmapItem(
-        "a/emblem.svg",
-        12,
-        672,
-        1.0,
-        0.0,
-        0.0,
-        0.0,
-        60.0,
-        0.1,
-        "emblem.usda",
-        (12, 8),
-        (12, 8),
-        (240, 160),
-        None,
-        faults,
-    )
+    sizes = {"pinchmap": (12, 8), "signal": (12, 8), "source": (240, 160)}
+    return PinchmapItem("a/emblem.svg", 12, 672, 1.0, 0.0, 0.0, 0.0, 60.0, 0.1, "emblem.usda", **sizes, faults=faults)
 
 
 def test_exact_result_shows_no_error_and_beats_the_plain_texture(pinchmap):

@@ -3,7 +3,7 @@
 ::
 
     {"items": [{"file", "size", "bytes", "iou", "mismatch", "mean_px", "max_px", "psnr_db", "seconds",
-                "stage", "pinchmap": [w, h], "signal": [w, h], "source": [w, h], "suggested_size",
+                "plain_psnr_db", "stage", "pinchmap": [w, h], "signal": [w, h], "source": [w, h], "suggested_size",
                 "faults": [{"x", "y", "reason", "pixels"}], "phases": {name: seconds}}],
      "failed": [{"file", "error"}]}
 
@@ -11,9 +11,10 @@
 levels. `mismatch` is the share of source pixels on the wrong side of the lines, `iou` the intersection over union of
 the side that the source's mask calls inside; `mean_px` and `max_px` are distances between the boundaries of source and
 result, in source pixels; null where just one of them has any. `psnr_db` compares the result, over white, with the
-source, sRGB-encoded (data: as they are). `seconds` is all phases from reading the source to the stage in its
-place, on the clock; what it takes to measure is the phase ``measure`` and not part of it. A fault is a place where the
-lines are more than the map can express; x and y are pixels of the source, from its upper left corner.
+source, sRGB-encoded (data: as they are); `plain_psnr_db` is that of a plain texture of as many bytes. `seconds` is all
+phases from reading the source to the stage in its place, on the clock; what it takes to measure is the phase
+``measure`` and not part of it. A fault is a place where the lines are more than the map can express; x and y are pixels
+of the source, from its upper left corner.
 """
 
 from __future__ import annotations
@@ -24,9 +25,10 @@ from dataclasses import dataclass, field
 
 from fexel_tools.pinchmap_fit import Fault
 
-__all__ = ["PinchmapItem", "PinchmapReport", "describe", "describe_faults"]
+__all__ = ["PinchmapItem", "PinchmapReport", "describe", "describe_blur", "describe_faults"]
 
 _MOST_LISTED = 20
+_LITTLE_GAIN_DB = 2.0
 
 
 @dataclass(frozen=True)
@@ -47,6 +49,7 @@ class PinchmapItem:
     signal: tuple[int, int]
     source: tuple[int, int]
     suggested_size: int | None = None
+    plain_psnr_db: float | None = None
     faults: tuple[Fault, ...] = ()
     phases: dict[str, float] = field(default_factory=dict)
 
@@ -62,6 +65,7 @@ class PinchmapItem:
             "max_px": _number(self.max_px),
             "psnr_db": _number(self.psnr_db),
             "seconds": round(self.seconds, 4),
+            "plain_psnr_db": _number(self.plain_psnr_db),
             "stage": self.stage,
             "pinchmap": list(self.pinchmap),
             "signal": list(self.signal),
@@ -119,6 +123,16 @@ def describe_faults(file: str, faults: Sequence[Fault], suggested_size: int | No
     ]
     left = len(faults) - _MOST_LISTED
     return lines + ([f"  and {left} more, in the report"] if left > 0 else [])
+
+
+def describe_blur(item: PinchmapItem) -> str:
+    """A line for a picture of which a plain texture shows nearly as much, because its edges lie inside; else ''."""
+    if item.psnr_db is None or item.plain_psnr_db is None or item.psnr_db > item.plain_psnr_db + _LITTLE_GAIN_DB:
+        return ""
+    return (
+        f"{item.file}: colours inside the edges are as soft as in a plain texture of equal bytes "
+        f"({item.plain_psnr_db:.1f} dB); --regions auto may draw edges between them, a larger --signalSize shows more"
+    )
 
 
 def _number(value: float | None) -> float | None:

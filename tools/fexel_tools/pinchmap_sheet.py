@@ -25,11 +25,13 @@ from fexel_tools.pinchmap_baking import WHOLE
 if TYPE_CHECKING:
     from fexel_tools.pinchmap import Pinchmap
     from fexel_tools.pinchmap_report import PinchmapItem
+    from fexel_tools.pinchmap_source import PinchmapSource
 
-__all__ = ["Panels", "draw_panels", "plain_texture", "write_sheet"]
+__all__ = ["Panels", "draw_panels", "plain_texture", "premultiplied", "seen", "write_sheet"]
 
 _COLUMNS = ("original", "pinchmap", "plain, equal bytes", "error x 4")
 _ERROR_GAIN = 4.0
+_MOST_ROWS = 12
 _CHEQUER_PX = 8
 _CHEQUER = (0.55, 0.75)  # linear greys, on which black and white both show
 _PAPER = (24, 24, 26)
@@ -40,7 +42,7 @@ _RINGS = {
     "too small": (120, 255, 80),
 }
 _OTHER_RING = (255, 255, 255)
-_LABEL_CHARACTERS = 12.0  # a pixel width of one, at the size of row labels
+_CHARACTER_PX = 9.0  # mean width of one, at the size of row labels
 
 Window = tuple[float, float, float, float]  # s0, t0, s1, t1
 
@@ -68,7 +70,7 @@ def draw_panels(pinchmap: Pinchmap, item: PinchmapItem, longer_px: int, *, squar
     height, width = pinchmap.source.side.shape
     scale = longer_px / max(width, height)
     size = (max(1, round(width * scale)), max(1, round(height * scale)))
-    plain = plain_texture(_premultiplied(pinchmap), item.nbytes, pinchmap.has_alpha, pinchmap.source.is_data)
+    plain = plain_texture(premultiplied(pinchmap.source), item.nbytes, pinchmap.has_alpha, pinchmap.source.is_data)
     whole = _marked(_pictures(pinchmap, plain, WHOLE, size), item, size)
     if square:
         return Panels((SheetRow(_headline(item, longer_px), [_squared(picture, longer_px) for picture in whole]),))
@@ -81,7 +83,7 @@ def draw_panels(pinchmap: Pinchmap, item: PinchmapItem, longer_px: int, *, squar
 
 
 def write_sheet(panels: Sequence[Panels], path: str | Path) -> None:
-    """Write the sheet of one or many files.
+    """Write the sheet of one or many files, in columns side by side where they are more than fit one below another.
 
     Raises
     ------
@@ -89,8 +91,13 @@ def write_sheet(panels: Sequence[Panels], path: str | Path) -> None:
         The file cannot be written.
     """
     rows = [row for each in panels for row in each.rows]
-    if rows:
-        write_png(Path(path), contact_sheet(rows, _COLUMNS))
+    if not rows:
+        return
+    length = -(-len(rows) // -(-len(rows) // _MOST_ROWS))
+    pages = [contact_sheet(rows[first : first + length], _COLUMNS) for first in range(0, len(rows), length)]
+    height = max(len(page) for page in pages)
+    sheet = np.hstack([np.pad(page, ((0, height - len(page)), (0, 0), (0, 0)), mode="edge") for page in pages])
+    write_png(Path(path), sheet)
 
 
 def plain_texture(picture: np.ndarray, nbytes: int, has_alpha: bool, is_data: bool = False) -> np.ndarray:
@@ -123,8 +130,8 @@ def plain_texture(picture: np.ndarray, nbytes: int, has_alpha: bool, is_data: bo
     return np.dstack([rgb * alpha, alpha]).astype(np.float32)
 
 
-def _premultiplied(pinchmap: Pinchmap) -> np.ndarray:
-    source = pinchmap.source
+def premultiplied(source: PinchmapSource) -> np.ndarray:
+    """(H, W, 4) float32: the source as it is seen, linear (or data), premultiplied."""
     return np.dstack([source.color * source.opacity[..., None], source.opacity]).astype(np.float32)
 
 
@@ -135,15 +142,23 @@ def _pictures(pinchmap: Pinchmap, plain: np.ndarray, window: Window, size: tuple
     is_data = pinchmap.source.is_data
     original, result, plain = (
         _displayed(picture, is_data)
-        for picture in (_seen(_premultiplied(pinchmap), window, size), result, _seen(plain, window, size))
+        for picture in (seen(premultiplied(pinchmap.source), size, window), result, seen(plain, size, window))
     )
     difference = np.abs(result.astype(np.float32) - original).max(axis=2) * _ERROR_GAIN
     heat = cv2.applyColorMap(difference.clip(0, 255).astype(np.uint8), cv2.COLORMAP_INFERNO)
     return [original, result, plain, np.ascontiguousarray(heat[..., ::-1])]
 
 
-def _seen(image: np.ndarray, window: Window, size: tuple[int, int]) -> np.ndarray:
-    """A window of an image at another size: area averages where it shrinks, bilinear where it grows."""
+def seen(image: np.ndarray, size: tuple[int, int], window: Window = WHOLE) -> np.ndarray:
+    """Resize a window of an image: area averages where it shrinks, bilinear where it grows.
+
+    Parameters
+    ----------
+    image : (H, W, 4) float32
+    size : (int, int)
+        Width and height.
+    window : (s0, t0, s1, t1)
+    """
     height, width = image.shape[:2]
     x0, y0 = window[0] * width, (1 - window[3]) * height
     step_x, step_y = (window[2] - window[0]) * width / size[0], (window[3] - window[1]) * height / size[1]
@@ -176,12 +191,12 @@ def _shaped(window: tuple[float, ...], size: tuple[int, int], source: tuple[int,
 def _marked(pictures: list[np.ndarray], item: PinchmapItem, size: tuple[int, int]) -> list[np.ndarray]:
     """Rings about the faults, on result and error."""
     scale = np.array(size) / item.source
-    radius = max(5, max(size) // 40)
+    radius = max(5, max(size) // 45)
     for fault in item.faults:
         x, y = (np.array([fault.x, fault.y]) * scale).astype(int)
         for picture in (pictures[1], pictures[3]):
-            cv2.circle(picture, (int(x), int(y)), radius + 1, (0, 0, 0), 3, cv2.LINE_AA)
-            cv2.circle(picture, (int(x), int(y)), radius, _RINGS.get(fault.reason, _OTHER_RING), 1, cv2.LINE_AA)
+            cv2.circle(picture, (int(x), int(y)), radius, (0, 0, 0), 4, cv2.LINE_AA)
+            cv2.circle(picture, (int(x), int(y)), radius, _RINGS.get(fault.reason, _OTHER_RING), 2, cv2.LINE_AA)
     return pictures
 
 
@@ -198,7 +213,7 @@ def _headline(item: PinchmapItem, longer_px: int) -> str:
     facts = f"{columns} x {rows}, {item.nbytes} bytes, {100 * item.mismatch:.3f} % wrong, IoU {item.iou:.4f}"
     facts += "" if item.psnr_db is None else f", {item.psnr_db:.1f} dB"
     facts += f", {len(item.faults)} marked" if item.faults else ""
-    most = max(8, int(len(_COLUMNS) * longer_px / _LABEL_CHARACTERS) - len(facts) - 2)
+    most = max(8, int(len(_COLUMNS) * longer_px / _CHARACTER_PX) - len(facts) - 2)
     return f"{name if len(name) <= most else name[: most - 2] + '..'}  {facts}"
 
 
