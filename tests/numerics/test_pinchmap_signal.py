@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fexel.errors import FexelError
+from fexel.images import linear_to_srgb, srgb_to_linear
 from fexel.textures.pinchmap_twin import pinch
 from fexel_tools.pinchmap_equations import pinch_point
 from fexel_tools.pinchmap_mask import channels, is_legal
@@ -192,6 +193,23 @@ def test_nothing_exceeds_the_range_of_the_source():
     assert made.max() <= 0.75 + 1e-6
     matrix = bilinear(np.eye(64).reshape(8, 8, 64), pixel_st(96, 96), CLAMP)
     assert np.linalg.lstsq(matrix, step.reshape(-1, 3), rcond=None)[0].max() > 0.78
+
+
+def test_colours_are_fitted_as_they_will_be_interpolated(rng):
+    """Renderers mix texels in linear light; judged in sRGB encoding, that beats the least squares of encoded mixing."""
+    pinchmap = np.zeros((8, 8, 4))
+    pinchmap[..., 2] = 1
+    encoded = np.where(rng.random((3, 3, 1)) < 0.5, 0.1, 0.9).repeat(32, 0).repeat(32, 1) * [1.0, 0.7, 0.4]
+    linear = srgb_to_linear(encoded)
+
+    def error(texels):
+        shown = bilinear(texels[..., :3], pixel_st(96, 96), CLAMP).reshape(96, 96, 3)
+        return np.mean((linear_to_srgb(shown) - encoded) ** 2)
+
+    naive = srgb_to_linear(fill_signal(source(encoded), pinchmap, (8, 8))[..., :3])
+    averaged = fill_signal(source(linear), pinchmap, (8, 8))
+    made = fill_signal(source(linear, is_data=False), pinchmap, (8, 8))
+    assert error(made) < 0.95 * min(error(naive), error(averaged))
 
 
 def test_invisible_colour_does_not_count_but_stays_plausible():
