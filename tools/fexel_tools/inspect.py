@@ -185,11 +185,12 @@ def _gain(patch: fexel.Patch, size: tuple[int | None, int | None], before: list[
     if not before:
         return 1.0
     root = before[0]
-    if size[0] is None or root.width is None or not homography.is_usable(patch.root_to_patch):
+    width, height = size
+    if not (width and height and root.width and root.height) or not homography.is_usable(patch.root_to_patch):
         return None
     centre = homography.apply(np.linalg.inv(patch.root_to_patch), np.array([[0.5, 0.5]]))
     jacobian = homography.jacobian(homography.normalize(patch.root_to_patch), centre)[0]
-    area = abs(np.linalg.det(jacobian)) * size[0] * size[1] / (root.width * root.height)
+    area = abs(np.linalg.det(jacobian)) * width * height / (root.width * root.height)
     return float(np.sqrt(area)) if np.isfinite(area) else None
 
 
