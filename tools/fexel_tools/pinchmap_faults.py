@@ -1,9 +1,9 @@
 """Where a pinchmap cannot follow its source, and why.
 
-What defies a pinchmap is named by Tarini and Cignoni 2005, section 8: lines that cross, that meet, that run too near each
-other; and by the lattice itself: details smaller than a texel. Wrong pixels are gathered into places. The reason is read
-from the source on a circle of 1.25 texels about the place: how often the side changes along it, and which of its arcs are
-connected inside.
+What defies a pinchmap is named by Tarini and Cignoni 2005, section 8: lines that cross, that meet, that run too near
+each other; and by the lattice itself: details smaller than a texel. Wrong pixels are gathered into places. The reason
+is read from the source on a circle of 1.25 texels about the place: how often the side changes along it, and which of
+its arcs are connected inside.
 """
 
 from __future__ import annotations
@@ -43,9 +43,7 @@ class Fault:
     pixels: int
 
 
-def find_faults(
-    plus: NDArray[np.uint8], wrong: NDArray[np.uint8], cell: tuple[float, float]
-) -> tuple[Fault, ...]:
+def find_faults(plus: NDArray[np.uint8], wrong: NDArray[np.uint8], cell: tuple[float, float]) -> tuple[Fault, ...]:
     """Gather wrong pixels into places and name the reason of each.
 
     Parameters

@@ -1,13 +1,18 @@
 """Mask and gamma of a pinchmap from a two-sided image.
 
-A point shows the + side where k^B > gamma^B (Tarini and Cignoni 2005, section 5.1), so that the shape depends on the level
-g = k - gamma alone: its bilinear interpolation's zero set is the line. The fit solves for the levels without regard to a
-mask (least squares on the boundary, then descent on the exact error), chooses the legal mask that contradicts their signs
-least (section 4.4 and `pinchmap_mask`: an inactive texel has the sign of its side, an active one is free), and searches
-levels and mask together on the exact error, on the grid of the file's bits.
+A point shows the + side where k^B > gamma^B (Tarini and Cignoni 2005, section 5.1), so that the shape depends on the
+level g = k - gamma alone: the line is the zero set of its bilinear interpolation. The fit goes through four steps:
 
-A cell of more than 32 pixels is fitted on an area-averaged image (its boundary is then exact to about 1/32 of a pixel of
-that image), a cell of less than 8 on a smoothly enlarged one; the mismatch is always counted on the source's pixels.
+1. levels without regard to a mask: least squares on the boundary (`pinchmap_start`), descent and search on the exact
+   error (`pinchmap_gamma`, `pinchmap_search`);
+2. the legal mask that contradicts the signs of these levels least (`pinchmap_legal`): an inactive texel has the sign of
+   its side, an active one is free;
+3. rounds of reweighted least squares, of which each place takes what lowers its error;
+4. search of levels and mask together, on the grid of the file's bits.
+
+An image with more than 64 pixels along a cell is averaged down to at most that for the fit, so that its lines are then
+found to about a hundredth of a cell; one with less than 8 is enlarged smoothly. The mismatch is counted on the source's
+own pixels.
 """
 
 from __future__ import annotations
@@ -23,7 +28,7 @@ from fexel.errors import FexelError
 from fexel_tools.pinchmap_faults import Fault, find_faults
 from fexel_tools.pinchmap_gamma import Lattice, cell_errors, lattice_of, wrong_pixels
 from fexel_tools.pinchmap_legal import legalise, update_active
-from fexel_tools.pinchmap_mask import channels, violations
+from fexel_tools.pinchmap_mask import channels
 from fexel_tools.pinchmap_search import clip_levels, costs_of_turning, exchange, search, sweep, sweep_freely
 from fexel_tools.pinchmap_start import boundary_points, least_squares_levels, reweighted_levels, source_levels
 
@@ -31,8 +36,16 @@ __all__ = ["Fault", "PinchmapFit", "fit"]
 
 _UNITS = {8: 1 / 127, 16: 1 / 32767, 32: 1 / 32767}
 _MOST_PIXELS, _FEWEST_PIXELS = 64, 8  # along a cell, of the image that is fitted
+_FREE_TRIALS, _TRIALS = 3, 7  # of the search without and with a mask, per cell with an error
+_MOST_TRIALS = 60_000  # some seconds
+_MASK_SHARE = 0.2  # of the trials
+_FREE_UNIT = 1 / 127
+_COARSE = 0.0625  # first step of a descent
+_NEAR = 0.05  # cost of a cell on the wrong side, per pixel: gamma can make up for it
+_ROUNDS = ((0.2, 3.0), (0.5, 1.5), (0.2, 1.5), (1.0, 3.0), (0.1, 1.0))  # of reweighting: nearest, farthest; pixels
 
 Window = tuple[float, float, float, float]
+"""Left, top, right and bottom of a map in pixels of its image."""
 
 
 @dataclass(frozen=True)
@@ -118,59 +131,97 @@ def _at_working_size(side: NDArray, shape: tuple[int, int], window: Window) -> t
         factors.append(1 / ceil(size / _MOST_PIXELS) if size > _MOST_PIXELS else max(ceil(_FEWEST_PIXELS / size), 1))
     if factors == [1, 1]:
         return side, window
-    height, width = (max(round(n * f), 1) for n, f in zip(side.shape, factors[::-1], strict=True))
-    for n, axis in ((width, 1), (height, 0)):
-        smaller = n < side.shape[axis]
-        target = (n, side.shape[0]) if axis == 1 else (side.shape[1], n)
-        side = cv2.resize(side, target, interpolation=cv2.INTER_AREA if smaller else cv2.INTER_CUBIC)
-    fx, fy = width / (window[2] - window[0]), height / (window[3] - window[1])
-    fx, fy = factors[0], factors[1]
+    target = tuple(max(round(n * f), 1) for n, f in zip(side.shape[::-1], factors, strict=True))
+    for size in ((target[0], side.shape[0]), target):  # one axis after the other: they may differ in direction
+        smaller = size[0] < side.shape[1] or size[1] < side.shape[0]
+        side = cv2.resize(side, size, interpolation=cv2.INTER_AREA if smaller else cv2.INTER_CUBIC)
+    fx, fy = factors
     return np.ascontiguousarray(side, np.float32), (window[0] * fx, window[1] * fy, window[2] * fx, window[3] * fy)
 
 
-def _solve(image, lattice: Lattice, shape, repeat, window, unit: float, seed: int):
-    """Levels on the grid and a legal mask."""
+def _solve(
+    image: NDArray, lattice: Lattice, shape: tuple[int, int], repeat: tuple[bool, bool], window, unit: float, seed: int
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Levels on the grid of `unit` and a legal mask."""
     points = boundary_points(image, shape, window)
+    pixel = max(shape[1] / (window[2] - window[0]), shape[0] / (window[3] - window[1]))  # in cells
     locked = _locked(image.shape, shape, window)
-    plus = _side_at_texels(image, shape, window) > 0.5
-    plus &= locked == 0
+    plus = (_side_at_texels(image, shape, window) > 0.5) & (locked == 0)
     distance = source_levels(points, len(points), plus, repeat[1], repeat[0])
     low, high = np.where(plus, 0.01, -1.0), np.where(plus, 1.0, -0.01)
-    pixel = max(shape[1] / (window[2] - window[0]), shape[0] / (window[3] - window[1]))
-    levels = least_squares_levels(points, distance, low, high, repeat, pixel)
-    errors = np.zeros(shape, np.int64)
+    first = _swept_freely(lattice, least_squares_levels(points, distance, low, high, repeat, pixel))
+    second = _searched_freely(lattice, first, seed)
+    coarse = unit * 2.0 ** max(round(np.log2(_COARSE / unit)), 0)
+    least, best = np.inf, None
+    for free in (first, second):  # the better levels need not suit the better mask
+        cells = _legal_mask(lattice, free, distance, locked, repeat, seed).astype(np.uint8)
+        active = np.empty(shape, np.uint8)
+        update_active(cells, active, 0, 0, *shape, repeat[1], repeat[0])
+        levels = second.copy()
+        errors = _reweighted(lattice, cells, active, levels, points, repeat, pixel, unit, coarse)
+        if errors.sum() < least:
+            least, best = errors.sum(), (cells, active, levels, errors)
+    cells, active, levels, errors = best
+    trials = _trials(_TRIALS, errors)
+    search(lattice, cells, active, levels, errors, locked, unit, coarse, trials, _MASK_SHARE, seed)
+    return levels, cells.astype(bool)
+
+
+def _swept_freely(lattice: Lattice, levels):
+    """Levels of any sign in [-1, 1], as if every texel were active, after two sweeps of descent."""
+    levels = levels.copy()
+    errors = np.zeros(levels.shape, np.int64)
     cell_errors(lattice, levels, errors)
     for _ in range(2):
         sweep_freely(lattice, levels, errors, 0.1, 0.004)
-    if FREE:
-        everywhere = np.ones(shape, np.uint8)
-        search(lattice, everywhere, everywhere, levels, errors, locked, 1 / 127, 8 / 127, int(FREE * (errors > 0).sum()), 0.0, seed)
-    mask = _legal_mask(lattice, levels, errors, distance, locked, repeat, seed)
-    cells, active = mask.astype(np.uint8), np.empty(shape, np.uint8)
-    update_active(cells, active, 0, 0, *shape, repeat[1], repeat[0])
-    coarse = unit * 2.0 ** max(round(np.log2(0.0625 / unit)), 0)
+    return levels
+
+
+def _searched_freely(lattice: Lattice, levels, seed: int):
+    """The same after a search."""
+    levels = levels.copy()
+    errors = np.zeros(levels.shape, np.int64)
+    cell_errors(lattice, levels, errors)
+    free, locked = np.ones(levels.shape, np.uint8), np.zeros(levels.shape, np.uint8)
+    trials = _trials(_FREE_TRIALS, errors)
+    search(lattice, free, free, levels, errors, locked, _FREE_UNIT, 8 * _FREE_UNIT, trials, 0.0, seed)
+    return levels
+
+
+def _legal_mask(lattice: Lattice, levels, distance, locked, repeat, seed: int) -> NDArray[np.bool_]:
+    """The legal mask that suits the signs of the levels best."""
+    errors = np.empty(levels.shape, np.int64)
+    cell_errors(lattice, levels, errors)
+    area = float(lattice.pixels.max())
+    turning = costs_of_turning(lattice, levels, errors)
+    turning = np.where(np.abs(distance) < 1, turning, np.sign(distance) * 2 * area)
+    cost = _NEAR * (lattice.pixels - 2.0 * lattice.ones) + 1e3 * area * locked
+    majority = (2 * lattice.ones > lattice.pixels) & (locked == 0)
+    return legalise(majority, cost, turning, repeat, unit=area, seed=seed)
+
+
+def _reweighted(lattice: Lattice, cells, active, levels, points, repeat, pixel: float, unit: float, coarse: float):
+    """Bring the levels under a mask, in place, take what is best of some rounds, and return the errors."""
     clip_levels(cells, active, levels, unit)
+    errors, other_errors = np.empty(levels.shape, np.int64), np.empty(levels.shape, np.int64)
     cell_errors(lattice, levels, errors)
     for _ in range(2):
         sweep(lattice, cells, active, levels, errors, unit, coarse)
     low = np.where(active, unit - 1, np.where(cells, unit, unit - 2))
     high = np.where(active, 1 - unit, np.where(cells, 2 - unit, -unit))
-    other_errors = np.empty_like(errors)
-    for nearest, farthest in ROUNDS:
+    for nearest, farthest in _ROUNDS:
         other = reweighted_levels(points, levels, low, high, repeat, nearest * pixel, farthest * pixel)
         clip_levels(cells, active, other, unit)
         cell_errors(lattice, other, other_errors)
         sweep(lattice, cells, active, other, other_errors, unit, coarse)
         for size in (4, 2):
-            exchange(lattice, levels, errors, other, size)
-    trials = int(TRIALS * (errors > 0).sum())
-    search(lattice, cells, active, levels, errors, locked, unit, coarse, trials, SHARE, seed)
-    return levels, cells.astype(bool)
+            if size <= min(levels.shape):
+                exchange(lattice, levels, errors, other, size)
+    return errors
 
 
-ROUNDS = ((0.2, 3.0), (0.5, 1.5), (0.2, 1.5), (1.0, 3.0), (0.1, 1.0))
-RESTARTS, PER_PLACE = 3, 200
-TRIALS, SHARE, FREE = 8, 0.2, 0
+def _trials(per_cell: float, errors: NDArray[np.int64]) -> int:
+    return min(int(per_cell * (errors > 0).sum()), _MOST_TRIALS)
 
 
 def _locked(size, shape, window):
@@ -185,15 +236,6 @@ def _locked(size, shape, window):
     if window[3] < size[0] - 0.5:
         locked[-1:] = 1
     return locked
-
-
-def _legal_mask(lattice: Lattice, levels, errors, distance, locked, repeat, seed):
-    area = lattice.pixels
-    mask = (2 * lattice.ones > area) & (locked == 0)
-    turning = costs_of_turning(lattice, levels, errors)
-    turning = np.where(np.abs(distance) < 1, turning, np.sign(distance) * 2 * area.max())
-    cost = 0.05 * (area - 2.0 * lattice.ones) + 1e3 * area.max() * locked
-    return legalise(mask, cost, turning, repeat, unit=float(area.max()), restarts=RESTARTS, trials=PER_PLACE, seed=seed)
 
 
 def _side_at_texels(image, shape, window):

@@ -1,9 +1,9 @@
 """Exact error of a bilinear boundary on a lattice of texels, and its descent one texel at a time, compiled.
 
-A point is on the + side where k^B > gamma^B, so that only the *level* g = k - gamma matters to the shape: the boundary is
-the zero set of its bilinear interpolation. Along a row of pixels within a lattice cell g is linear, hence crosses zero at
-most once, and the wrong pixels of the row are a function of the crossing's column alone, which a table holds (Tarini and
-Cignoni 2005, section 7.2). The error of a cell costs one division and one look-up per row of pixels.
+A point is on the + side where k^B > gamma^B, so that only the *level* g = k - gamma matters to the shape: the boundary
+is the zero set of its bilinear interpolation. Along a row of pixels within a lattice cell g is linear, hence crosses
+zero at most once, and the wrong pixels of the row are a function of the crossing's column alone, which a table holds
+(Tarini and Cignoni 2005, section 7.2). The error of a cell costs one division and one look-up per row of pixels.
 
 Cell [r, c] of the lattice is cell [r, c] of the mask: texel [r, c] is its lower left corner, [r - 1, c] the upper left,
 [r, c + 1] the lower right. Beyond the border the sampler repeats or clamps. The lattice covers a window of the
@@ -195,7 +195,9 @@ def _cell_error(cells, table, shares, gaps, width, found, r, c, tl, tr, bl, br):
 def refresh(m, g, r, c, errors):
     """Recompute the error of cell [r, c] in place."""
     a, d = m.above[r], m.right[c]
-    errors[r, c] = _cell_error(m.cells, m.table, m.share, m.gap, m.width, m.scratch, r, c, g[a, c], g[a, d], g[r, c], g[r, d])
+    errors[r, c] = _cell_error(
+        m.cells, m.table, m.share, m.gap, m.width, m.scratch, r, c, g[a, c], g[a, d], g[r, c], g[r, d]
+    )
 
 
 @_compiled
@@ -237,7 +239,9 @@ def _trial(m, g, cells, n, trial, limit):
     for i in range(n):
         r, c = cells[i, 0], cells[i, 1]
         a, d = m.above[r], m.right[c]
-        trial[i] = _cell_error(m.cells, m.table, m.share, m.gap, m.width, m.scratch, r, c, g[a, c], g[a, d], g[r, c], g[r, d])
+        trial[i] = _cell_error(
+            m.cells, m.table, m.share, m.gap, m.width, m.scratch, r, c, g[a, c], g[a, d], g[r, c], g[r, d]
+        )
         total += trial[i]
         if total > limit:
             return total

@@ -1,9 +1,9 @@
 """The nearest mask that a pinchmap can express, found by a local search that always ends in one; compiled.
 
-`fexel_tools.pinchmap_mask` says which masks are legal. What a mask costs is of two kinds: a cell on the wrong side of the
-image's majority (a little: gamma moves the boundary within the cells beside it), and an inactive texel whose side the
-image contradicts (much: gamma cannot turn its sign). Moves set rectangles of cells to one side. Where no small one lowers
-the number of broken rules, larger squares are tried, up to the whole map, which is legal: so the search ends.
+`fexel_tools.pinchmap_mask` says which masks are legal. What a mask costs is of two kinds: a cell on the wrong side of
+the image's majority (a little: gamma moves the boundary within the cells beside it), and an inactive texel whose side
+the image contradicts (much: gamma cannot turn its sign). Moves set rectangles of cells to one side. Where no small one
+lowers the number of broken rules, larger squares are tried, up to the whole map, which is legal: so the search ends.
 """
 
 from __future__ import annotations
@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 __all__ = ["broken_near", "legalise", "random", "tied", "update_active"]
 
 _HEAT, _COOLING = 0.3, 0.01  # first temperature, in pixels of a cell, and the last one over it
+_MOST_MOVES = 1_500_000  # of a restart: about a second
+_ENOUGH_MOVES = 120_000  # for a third restart and more
 _compiled = numba.njit(cache=True, nogil=True, error_model="numpy")
 
 
@@ -26,8 +28,8 @@ def legalise(
     repeat: tuple[bool, bool],
     *,
     unit: float,
-    restarts: int = 3,
-    trials: int = 300,
+    restarts: int = 8,
+    trials: int = 200,
     seed: int = 0,
 ) -> NDArray[np.bool_]:
     """A legal mask of low cost.
@@ -46,7 +48,7 @@ def legalise(
     unit : float
         Pixels of a cell; a texel that costs less than a hundredth of it is not worth annealing.
     restarts, trials : int
-        Annealing runs, of which the best is taken, and moves per cell in each.
+        Annealing runs at most, of which the best is taken at each place, and moves per cell in each.
     seed : int
     """
     best = np.array(mask, np.uint8)
@@ -56,19 +58,22 @@ def legalise(
         best[:, -1:] = best[:, -2:-1] if best.shape[1] > 1 else best[:, -1:]
     active = np.empty_like(best)
     update_active(best, active, 0, 0, *best.shape, repeat[1], repeat[0])
-    whole = (0, 0, *best.shape)
-    least = _make_legal(best, active, whole, cell_cost, texel_cost, unit, repeat)
+    least = _make_legal(best, active, (0, 0, *best.shape), cell_cost, texel_cost, unit, repeat)
+    spent = 0
     for run in range(restarts):
         near = _dilated(_wrong_texels(best, active, texel_cost, 0.01 * unit), repeat)
+        moves = min(trials, _MOST_MOVES // max(int(near.sum()), 1))
+        spent += moves * int(near.sum())
+        if run >= 2 and spent > _ENOUGH_MOVES:
+            break
         number, labels, boxes, _ = cv2.connectedComponentsWithStats(near.astype(np.uint8), connectivity=8)
         for label in range(1, number):  # each for itself: one place's luck must not hang on another's
             left, top, width, height, _ = boxes[label]
-            places = np.argwhere(labels == label)
+            places = np.argwhere(labels[top : top + height, left : left + width] == label) + (top, left)
             cells, around = best.copy(), active.copy()
-            moves = trials * len(places)
-            _anneal(
-                cells, around, cell_cost, texel_cost, places, unit, moves, *repeat[::-1], (seed * 16 + run) * 999 + label
-            )
+            chance = (seed * restarts + run) * 65537 + label
+            count = moves * len(places)
+            _anneal(cells, around, cell_cost, texel_cost, places, unit, count, repeat[1], repeat[0], chance)
             box = (max(top - 3, 0), max(left - 3, 0), top + height + 3, left + width + 3)
             cost = _make_legal(cells, around, box, cell_cost, texel_cost, unit, repeat)
             if cost < least:

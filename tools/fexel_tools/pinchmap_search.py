@@ -1,9 +1,9 @@
 """Local search of a pinchmap's levels and mask together on the exact error, compiled.
 
-One trial disturbs the levels of 2 x 2 texels, or sets a small rectangle of cells to one side where the mask stays legal,
-descends the texels around it one by one, and keeps the result unless more pixels are wrong (after Tarini and Cignoni
-2005, section 7.2 step 4, who do so at constant mask). Trials go where the error is. A level is g = k - gamma, so that
-an active texel takes |g| < 1, an inactive one the sign of its side and |g| < 2.
+One trial disturbs the levels of 2 x 2 texels, or sets a small rectangle of cells to one side where the mask stays
+legal, descends the texels around it one by one, and keeps the result unless more pixels are wrong (after Tarini and
+Cignoni 2005, section 7.2 step 4, who do so at constant mask). Trials go where the error is. A level is g = k - gamma,
+so that an active texel takes |g| < 1, an inactive one the sign of its side and |g| < 2.
 """
 
 from __future__ import annotations

@@ -1,9 +1,10 @@
 """A start for the levels of a pinchmap: least squares on points of the source's boundary, compiled.
 
-On the boundary k^B = gamma^B, so that the level g = k - gamma interpolates to 0 there: one linear equation in four texels
-for every point where the side image crosses 0.5 between two pixels. Weighted by the gradient of the previous solution the
-residual is a distance; weighted again by its inverse (iteratively reweighted least squares) the sum is the area between
-the two curves. The signed distance of the texels, at a small weight, fixes the scale, which the zero set leaves free.
+On the boundary k^B = gamma^B, so that the level g = k - gamma interpolates to 0 there: one linear equation in four
+texels for every point where the side image crosses 0.5 between two pixels. Weighted by the gradient of the previous
+solution the residual is a distance; weighted again by its inverse (iteratively reweighted least squares) the sum is the
+area between the two curves. The signed distance of the texels, at a small weight, fixes the scale, which the zero set
+leaves free.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Which part of an image a pinchmap should cover.
 
 A map that clamps has no texels at s = 1 and t = 1 (`pinchmap_mask`): a line that crosses the last column or top row of
-cells is lost there. And texels over transparent margins are wasted. So the map may cover a *window* of the image: beyond
-the right and upper side by one cell where a line comes that near, and no more than the content where the rest is fully
-transparent. The prim's `inputs:matrix` takes texture coordinates of the image to those of the map.
+cells is lost there. And texels over transparent margins are wasted. So the map may cover a *window* of the image:
+beyond the right and upper side by one cell where a line comes that near, and no more than the content where the rest is
+fully transparent. The prim's `inputs:matrix` takes texture coordinates of the image to those of the map.
 """
 
 from __future__ import annotations
