@@ -209,7 +209,7 @@ def test_colours_are_fitted_as_they_will_be_interpolated(rng):
     naive = srgb_to_linear(fill_signal(source(encoded), pinchmap, (8, 8))[..., :3])
     averaged = fill_signal(source(linear), pinchmap, (8, 8))
     made = fill_signal(source(linear, is_data=False), pinchmap, (8, 8))
-    assert error(made) < 0.95 * min(error(naive), error(averaged))
+    assert error(made) < 0.97 * min(error(naive), error(averaged))
 
 
 def test_invisible_colour_does_not_count_but_stays_plausible():

@@ -38,12 +38,13 @@ __all__ = ["cell_sides", "fill_signal", "signal_levels"]
 _MEMBRANE = 1e-4  # of the mean weight of a texel
 _PRIOR = 1e-9  # of the same: where even the membrane is torn off, the mean of the picture's side
 _TOLERANCE = 1e-6
+_TOLERANCE_OF_CORRECTION = 1e-3
 _STEPS = 400
 _SWEEPS = 6
 _UNEVEN = (
     1 / 510
 )  # root mean square error, encoded, below which a picture is as good as reproduced: half a step of 8 bits
-_ROWS_FOR_CORRECTION = 8  # of pixels, in a texel: so many show what is lacking
+_ROWS_FOR_CORRECTION = 4  # of pixels, in a texel: so many show what is lacking
 _LEAST_ALPHA = 1e-3  # of a texel whose colour is compared: keeps premultiplied colours apart where nothing is seen
 _TABLE = linear_to_srgb(np.linspace(0, 1, 4097) ** 2)
 _NO_TABLE = np.zeros(0, np.float32)
@@ -137,7 +138,7 @@ def _correct(signal, bounds, view: _View) -> None:
     _add_membrane(matrix, lacking, view)
     anything = np.array([-np.inf, np.inf])
     for c in range(3):
-        step = _solved(matrix[0], lacking[..., c], anything)
+        step = _solved(matrix[0], lacking[..., c], anything, _TOLERANCE_OF_CORRECTION)
         signal[..., c] = np.clip(signal[..., c] + step, *bounds[:, c])
 
 
@@ -232,14 +233,14 @@ def _plane(planes: NDArray[np.float64], channel: int) -> NDArray[np.float64]:
     return np.ascontiguousarray(planes[..., channel])
 
 
-def _solved(matrix, right, bounds) -> NDArray[np.float64]:
+def _solved(matrix, right, bounds, tolerance: float = _TOLERANCE) -> NDArray[np.float64]:
     """(Sh, Sw) texels of one channel within the bounds."""
     right = np.ascontiguousarray(right)
     low, high = bounds
     texels = np.clip(right / (matrix.sum(axis=-1) + 1e-9 * matrix[..., 4]), low, high)  # 1e-9: rows may sum to 0
     if low == high:
         return texels
-    conjugate_gradients(matrix, right, texels, _TOLERANCE, _STEPS)
+    conjugate_gradients(matrix, right, texels, tolerance, _STEPS)
     if texels.min() < low or texels.max() > high:
         np.clip(texels, low, high, out=texels)
         projected_sweeps(matrix, right, texels, low, high, _SWEEPS)
