@@ -285,6 +285,17 @@ def test_signal_has_the_bits_of_the_source(folder, dtype, suffix, bits):
     assert validate_file("out.usda") == []
 
 
+@pytest.mark.parametrize("place", [(300, 400), (0, 0), (1023, 1023), (0, 1023)])
+def test_one_pixel_in_a_large_picture_is_kept(folder, place):
+    """The map covers it alone; that must not blow up what is fitted to its size over a pixel."""
+    image = np.zeros((1024, 1024, 4), np.uint8)
+    image[place] = 255
+    write_image("pixel.png", image)
+    assert run("pixel.png", "-o", "out.usda", "--size", "16", "--report", "r.json").exit_code == 0
+    item = json.loads(Path("r.json").read_text())["items"][0]
+    assert item["mismatch"] == 0.0 and item["iou"] == 1.0
+
+
 @pytest.mark.parametrize("shape", [(1, 200), (200, 3), (7, 5), (37, 53)])
 def test_any_size_of_image(folder, shape):
     image = np.zeros((*shape, 4), np.uint8)

@@ -25,7 +25,8 @@ from fexel_tools.pinchmap_advice import suggested_size
 from fexel_tools.pinchmap_auto import largest_auto_size, smallest_size
 from fexel_tools.pinchmap_baking import WHOLE, reconstruct
 from fexel_tools.pinchmap_fit import PinchmapFit, fit
-from fexel_tools.pinchmap_measure import measure_shape, psnr_db
+from fexel_tools.pinchmap_ink import clear_of_lines
+from fexel_tools.pinchmap_measure import measure_shape, mismatch, psnr_db, side_of_pixels
 from fexel_tools.pinchmap_options import AUTO, PinchmapOptions, check_options, map_shape
 from fexel_tools.pinchmap_report import PinchmapItem, PinchmapReport
 from fexel_tools.pinchmap_sheet import Panels, draw_panels, plain_texture, premultiplied, seen, write_sheet
@@ -33,7 +34,7 @@ from fexel_tools.pinchmap_signal import fill_signal
 from fexel_tools.pinchmap_source import PinchmapSource, load_source
 from fexel_tools.pinchmap_strength import boundary_strength
 from fexel_tools.pinchmap_textures import as_stored, write_pinchmap, write_signal
-from fexel_tools.pinchmap_window import Window, choose_window, cut, matrix_of
+from fexel_tools.pinchmap_window import Window, choose_window, cut, matrix_of, roomy
 from fexel_tools.progress import Progress, silent
 from fexel_tools.report import check_report, write_report
 from fexel_tools.staged_output import check_output, staged_output
@@ -284,13 +285,31 @@ def _fit(source: PinchmapSource, options: PinchmapOptions) -> tuple[int, Pinchma
     def attempt(size: int) -> PinchmapFit:
         shape = map_shape(width, height, size)
         window = choose_window(source.side, shape, wrap=options.wrap, content=content)
-        bits = _FIT_BITS[options.bits]
-        return fit(source.side, shape, wrap=options.wrap, seed=options.seed, bits=bits, window=window)
+        return _fit_window(source.side, shape, roomy(window, shape, source.side.shape), options)
 
     if options.size == AUTO:
         return smallest_size(attempt, options.tolerance, largest_auto_size(width, height), str(source.path))
     size = int(options.size)
     return size, attempt(size)
+
+
+def _fit_window(side: np.ndarray, shape: tuple[int, int], window: Window, options: PinchmapOptions) -> PinchmapFit:
+    """Fit to the window and a cell around it; what lies further out is transparent and stays on its side."""
+    height, width = side.shape
+    margin = -(-(window[2] - window[0]) // shape[1]), -(-(window[3] - window[1]) // shape[0])
+    x0, y0 = max(window[0] - margin[0], 0), max(window[1] - margin[1], 0)
+    part = np.ascontiguousarray(side[y0 : min(window[3] + margin[1], height), x0 : min(window[2] + margin[0], width)])
+    moved = (window[0] - x0, window[1] - y0, window[2] - x0, window[3] - y0)
+    bits = _FIT_BITS[options.bits]
+    fitted = fit(part, shape, wrap=options.wrap, seed=options.seed, bits=bits, window=moved)
+    faults = tuple(replace(fault, x=fault.x + x0, y=fault.y + y0) for fault in fitted.faults)
+    return replace(fitted, mismatch=fitted.mismatch * part.size / side.size, window=window, faults=faults)
+
+
+def _with_room_for_lines(fitted: PinchmapFit, source: PinchmapSource, options: PinchmapOptions) -> PinchmapFit:
+    pinchmap = clear_of_lines(fitted.pinchmap, options.line_width)
+    result = side_of_pixels(pinchmap, source.side.shape, options.wrap, window=fitted.window)
+    return replace(fitted, pinchmap=pinchmap, mismatch=mismatch(result, source.side))
 
 
 def _cut(source: PinchmapSource, window: Window) -> PinchmapSource:
