@@ -152,7 +152,7 @@ def _solve(
     first = _swept_freely(lattice, least_squares_levels(points, distance, low, high, repeat, pixel))
     second = _searched_freely(lattice, first, seed)
     coarse = unit * 2.0 ** max(round(np.log2(_COARSE / unit)), 0)
-    least, best = np.inf, None
+    least, best = np.inf, (None, None, None, None)
     for free in (first, second):  # the better levels need not suit the better mask
         cells = _legal_mask(lattice, free, distance, locked, repeat, seed).astype(np.uint8)
         active = np.empty(shape, np.uint8)
