@@ -15,11 +15,12 @@ from bench.pinchmap_texture import (
     two_sides,
 )
 from bench.zipmap_stage import Patch, front_view, quad, render_texture, save, vertex_array, zipmap_stage, zipmap_texture
+from fexel import mipmaps
 from fexel.errors import FexelWarning
 from fexel.renderer.program import ProgramCache
 from fexel.renderer.visible import visible_surface
 from fexel.textures import extract_texture
-from fexel.textures.pinchmap_twin import encode_texels
+from fexel.textures.pinchmap_twin import encode_texels, picture_levels
 from fexel.textures.system import TextureRequest, TextureSystem
 from fexel_tools.pinchmap_mask import channels
 
@@ -213,6 +214,15 @@ def test_stats_tell_what_is_loaded(gl, files):
     assert far["images_resident"] == 3  # the picture's coarse levels
     assert far["texture_bytes"] >= near["texture_bytes"] > 0
     system.release()
+
+
+def test_coarse_levels_of_the_picture_do_not_need_the_finest_of_the_signal(rng):
+    """So that a huge signal is not decoded whole for a view from far away."""
+    pinchmap, mask = random_pinchmap(rng)
+    levels = mipmaps.pyramid(two_sides(rng, mask, 5) / 255)
+    whole, part = (picture_levels(pinchmap, levels[first:], line_width=0.1) for first in (0, 2))
+    for one, other in zip(whole[5:], part[3:], strict=True):
+        assert np.abs(one - other).max() < 1e-6
 
 
 def test_pinchmap_is_never_dropped_for_want_of_memory(gl, tmp_path, rng):

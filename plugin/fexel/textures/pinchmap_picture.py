@@ -21,6 +21,10 @@ from fexel.textures.pyramid_cache import ImageFacts, PyramidCache
 
 __all__ = ["PictureLevels", "PictureSource"]
 
+# `picture_levels` samples a cell 8 times along an axis: of finer levels than that of 8 texels a cell it reads nothing,
+# and pinches as wide; leaving them out keeps a huge signal on disk.
+_USED_OCTAVES = 3
+
 
 @dataclass(frozen=True)
 class PictureSource:
@@ -70,9 +74,9 @@ class PictureLevels:
     def _made(self, source: PictureSource, path: str) -> list[NDArray[np.float32]]:
         facts = self._signals.facts(source.signal, path)
         size = self._pinchmaps.facts(source.pinchmap, path).size
-        count = (facts.size[0] // size[0]).bit_length()
+        octaves = (facts.size[0] // size[0]).bit_length() - 1
         levels = []
-        for level in range(count):
+        for level in range(max(0, octaves - _USED_OCTAVES), octaves + 1):
             width, height = (mipmaps.level_size(axis, level) for axis in facts.size)
             window = self._signals.window(source.signal, path, level, (0, 0, width, height))
             levels.append(decode_page(window[1:-1, 1:-1], facts.page_class))
@@ -83,4 +87,4 @@ class PictureLevels:
             line_color=source.line_color,
             wrap=facts.wrap,
         )
-        return made[count - 1 :]
+        return made[len(levels) - 1 :]
