@@ -285,7 +285,8 @@ def _fit(source: PinchmapSource, options: PinchmapOptions) -> tuple[int, Pinchma
     def attempt(size: int) -> PinchmapFit:
         shape = map_shape(width, height, size)
         window = choose_window(source.side, shape, wrap=options.wrap, content=content)
-        return _fit_window(source.side, shape, roomy(window, shape, source.side.shape), options)
+        fitted = _fit_window(source.side, shape, roomy(window, shape, source.side.shape), options)
+        return _with_room_for_lines(fitted, source, options) if options.line_width > 0.0 else fitted
 
     if options.size == AUTO:
         return smallest_size(attempt, options.tolerance, largest_auto_size(width, height), str(source.path))
