@@ -392,3 +392,25 @@ def test_line_colours(text, color):
 
 def test_encoded_line_colour_is_linearised():
     assert parse_color("#bc0000")[0] == pytest.approx(0.5, abs=0.005)
+
+
+@pytest.mark.usefixtures("_gl_session")
+@pytest.mark.parametrize("options", [[], ["--wrap", "mirror,clamp"], ["--signalSize", "64"]])
+def test_renderer_shows_the_source_where_it_was(folder, options):
+    """Through inputs:matrix of the prim: the map covers the blob alone, the quad the whole picture."""
+    assert run("blob.png", "-o", "out.usda", "--size", "16", *options).exit_code == 0
+    stage, prim = opened("out.usda")
+    assert prim.GetMatrixAttr().HasAuthoredValue()
+    shown = fexel.render(stage, width=360)["color"]
+    source = read_linear("blob.png").repeat(3, axis=0).repeat(3, axis=1)
+    assert shown.shape == source.shape
+    assert ((shown[..., 3] > 0.5) != (source[..., 3] > 0.5)).mean() < 0.012
+    inside = source[..., 3] == 1
+    assert np.abs(shown[inside] - source[inside]).mean() < 0.02, "matt, lit from the camera: its own colours"
+
+
+@pytest.mark.parametrize("mode", ["repeat", "mirror"])
+def test_what_goes_on_outside_is_the_whole_picture(folder, mode):
+    assert run("blob.png", "-o", "out.usda", "--size", "16", "--wrap", mode).exit_code == 0
+    _stage, prim = opened("out.usda")
+    assert not prim.GetMatrixAttr().HasAuthoredValue()

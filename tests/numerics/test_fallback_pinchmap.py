@@ -260,3 +260,11 @@ def test_matrix_of_the_prim_places_the_picture(rng, stage, matrix, size):
     error = np.abs(baked - truth)
     assert error.mean() < (0.005 if size == 96 else 0.04)
     assert error.max() < 0.5
+
+
+def test_matrix_without_an_inverse_is_left_out_with_a_warning(rng, stage):
+    texture = define(stage, "/Mat/Texture", *emblem(rng))
+    plain = fallback.bake(texture.GetPrim(), 64)
+    texture.CreateMatrixAttr(Gf.Matrix3d(0.0))
+    with pytest.warns(FexelWarning, match=r"^/Mat/Texture\.inputs:matrix: is singular"):
+        assert np.array_equal(fallback.bake(texture.GetPrim(), 64), plain)

@@ -281,10 +281,12 @@ def _fit(source: PinchmapSource, options: PinchmapOptions) -> tuple[int, Pinchma
     height, width = source.side.shape
     # A line is as wide as the texels are, which cropping would stretch.
     content = None if options.line_width > 0.0 else source.opacity > 0.0
+    # What repeats or is mirrored outside of the map must be the whole picture.
+    tiled = ("clamp" if options.wrap[0] == "clamp" else "repeat", "clamp" if options.wrap[1] == "clamp" else "repeat")
 
     def attempt(size: int) -> PinchmapFit:
         shape = map_shape(width, height, size)
-        window = choose_window(source.side, shape, wrap=options.wrap, content=content)
+        window = choose_window(source.side, shape, wrap=tiled, content=content)
         fitted = _fit_window(source.side, shape, roomy(window, shape, source.side.shape), options)
         return _with_room_for_lines(fitted, source, options) if options.line_width > 0.0 else fitted
 
