@@ -16,7 +16,7 @@ CLAMP, REPEAT = ("clamp", "clamp"), ("repeat", "repeat")
 
 
 def bilinear(levels, x, y, repeat):
-    """Levels at (x, y) in cells from the lattice's upper left corner, from the definition: texel [r, c] at (c, r + 1)."""
+    """Levels at (x, y) in cells from the upper left corner, from the definition: texel [r, c] at (c, r + 1)."""
     nh, nw = levels.shape
     x, y = (x if repeat[0] else np.clip(x, 0, nw - 1)), (y - 1 if repeat[1] else np.clip(y - 1, 0, nh - 1))
     c, r = np.floor(x).astype(int), np.floor(y).astype(int)

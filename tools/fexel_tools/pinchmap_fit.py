@@ -25,9 +25,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fexel.errors import FexelError
+from fexel_tools.pinchmap_changes import update_active
 from fexel_tools.pinchmap_faults import Fault, find_faults
 from fexel_tools.pinchmap_gamma import Lattice, cell_errors, lattice_of, wrong_pixels
-from fexel_tools.pinchmap_legal import legalise, update_active
+from fexel_tools.pinchmap_legal import legalise
 from fexel_tools.pinchmap_mask import channels
 from fexel_tools.pinchmap_search import clip_levels, costs_of_turning, exchange, search, sweep, sweep_freely
 from fexel_tools.pinchmap_start import boundary_points, least_squares_levels, reweighted_levels, source_levels
@@ -152,16 +153,15 @@ def _solve(
     first = _swept_freely(lattice, least_squares_levels(points, distance, low, high, repeat, pixel))
     second = _searched_freely(lattice, first, seed)
     coarse = unit * 2.0 ** max(round(np.log2(_COARSE / unit)), 0)
-    least, best = np.inf, (None, None, None, None)
+    attempts = []
     for free in (first, second):  # the better levels need not suit the better mask
         cells = _legal_mask(lattice, free, distance, locked, repeat, seed).astype(np.uint8)
         active = np.empty(shape, np.uint8)
         update_active(cells, active, 0, 0, *shape, repeat[1], repeat[0])
         levels = second.copy()
         errors = _reweighted(lattice, cells, active, levels, points, repeat, pixel, unit, coarse)
-        if errors.sum() < least:
-            least, best = errors.sum(), (cells, active, levels, errors)
-    cells, active, levels, errors = best
+        attempts.append((cells, active, levels, errors))
+    cells, active, levels, errors = min(attempts, key=lambda attempt: int(attempt[3].sum()))
     trials = _trials(_TRIALS, errors)
     search(lattice, cells, active, levels, errors, locked, unit, coarse, trials, _MASK_SHARE, seed)
     return levels, cells.astype(bool)

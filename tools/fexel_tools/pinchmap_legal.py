@@ -13,7 +13,19 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["broken_near", "legalise", "random", "tied", "update_active"]
+from fexel_tools.pinchmap_changes import (
+    broken_at,
+    broken_near,
+    cost_near,
+    random,
+    set_side,
+    tied,
+    total_cost,
+    update_active,
+    wrapped,
+)
+
+__all__ = ["legalise"]
 
 _HEAT, _COOLING = 0.3, 0.01  # first temperature, in pixels of a cell, and the last one over it
 _MOST_MOVES = 1_500_000  # of a restart: about a second
@@ -87,7 +99,7 @@ def _make_legal(cells, active, box, cell_cost, texel_cost, unit: float, repeat: 
     for penalty in (unit, 4 * unit, 1e9 * top):
         _improve(cells, active, cell_cost, texel_cost, penalty, repeat[1], repeat[0], 8, box)
     _force(cells, active, cell_cost, repeat[1], repeat[0])
-    return _total_cost(cells, active, cell_cost, texel_cost)
+    return total_cost(cells, active, cell_cost, texel_cost)
 
 
 def _wrong_texels(mask, active, texel_cost, least: float):
@@ -112,97 +124,72 @@ def _dilated(places: NDArray[np.bool_], repeat: tuple[bool, bool]) -> NDArray[np
 
 
 @_compiled
-def _total_cost(mask, active, cell_cost, texel_cost):
-    cost = 0.0
-    for r in range(mask.shape[0]):
-        for c in range(mask.shape[1]):
-            if mask[r, c]:
-                cost += cell_cost[r, c]
-            if not active[r, c]:
-                cost += max(-texel_cost[r, c], 0.0) if mask[r, c] else max(texel_cost[r, c], 0.0)
-    return cost
-
-
-@_compiled
-def _row(i, n, repeat):
-    if i < 0:
-        return i + n if repeat else 0
-    if i >= n:
-        return i - n if repeat else n - 1
-    return i
-
-
-@_compiled
-def update_active(mask, active, r0, c0, height, width, repeat_t, repeat_s):
-    """Recompute which texels at the corners of the cells [r0, r0 + height) x [c0, c0 + width) are active."""
+def _anneal(mask, active, cell_cost, texel_cost, places, unit, trials, repeat_t, repeat_s, seed):
+    """Simulated annealing by rectangles of up to 2 x 2 or 1 x 4 cells about `places` (P, 2)."""
     nh, nw = mask.shape
-    for i in range(r0 - 1, r0 + height):
-        if i < 0 and not repeat_t:
+    state = np.array([seed * 2 + 0x9E3779B97F4A7C15], np.uint64)
+    saved, fresh = np.empty((6, 6), mask.dtype), np.empty((8, 8), np.uint8)
+    broken = np.empty((nh, nw), np.uint8)
+    for r in range(nh):
+        for c in range(nw):
+            broken[r, c] = broken_at(mask, active, r, c, repeat_t, repeat_s)
+    for trial in range(trials):
+        progress = trial / trials
+        heat = unit * _HEAT * _COOLING**progress
+        penalty = unit * (0.5 + 2 * progress)
+        place = int(random(state) * len(places))
+        height, width = min(1 + int(random(state) * 2), nh), min(1 + int(random(state) * 2), nw)
+        if random(state) < 0.3:  # a stretch of a staircase
+            length = 2 + int(random(state) * 3)
+            height, width = (1, min(length, nw)) if random(state) < 0.5 else (min(length, nh), 1)
+        r0 = places[place, 0] - int(random(state) * height)
+        c0 = places[place, 1] - int(random(state) * width)
+        if not repeat_t:
+            r0 = min(max(r0, 0), nh - height)
+        if not repeat_s:
+            c0 = min(max(c0, 0), nw - width)
+        r0, c0, height, width = tied(r0, c0, height, width, nh, nw, repeat_t, repeat_s)
+        side = 1 - mask[places[place, 0], places[place, 1]]
+        before = cost_near(mask, active, cell_cost, texel_cost, r0, c0, height, width, repeat_t, repeat_s)
+        first_row, last_row = r0 - 1, r0 + height + 1
+        first_column, last_column = c0 - 1, c0 + width + 1
+        if not repeat_t or last_row - first_row > nh:
+            first_row, last_row = max(first_row, 0), min(last_row, nh)
+        if not repeat_s or last_column - first_column > nw:
+            first_column, last_column = max(first_column, 0), min(last_column, nw)
+        count = 0
+        for i in range(first_row, last_row):
+            for j in range(first_column, last_column):
+                count += broken[wrapped(i, nh, repeat_t), wrapped(j, nw, repeat_s)]
+        for i in range(height):
+            for j in range(width):
+                saved[i, j] = mask[wrapped(r0 + i, nh, repeat_t), wrapped(c0 + j, nw, repeat_s)]
+        set_side(mask, active, r0, c0, height, width, side, repeat_t, repeat_s)
+        # Metropolis: accepted if exp((before - after) / heat) exceeds a uniform number, decided as early as possible.
+        limit = before + penalty * count - heat * np.log(max(random(state), 1e-12))
+        after = cost_near(mask, active, cell_cost, texel_cost, r0, c0, height, width, repeat_t, repeat_s)
+        for i in range(first_row, last_row):
+            if after > limit:
+                break
+            for j in range(first_column, last_column):
+                now = broken_at(mask, active, wrapped(i, nh, repeat_t), wrapped(j, nw, repeat_s), repeat_t, repeat_s)
+                fresh[i - first_row, j - first_column] = now
+                after += penalty * now
+        if after <= limit:
+            for i in range(first_row, last_row):
+                for j in range(first_column, last_column):
+                    broken[wrapped(i, nh, repeat_t), wrapped(j, nw, repeat_s)] = fresh[i - first_row, j - first_column]
             continue
-        r = _row(i, nh, repeat_t)
-        below = _row(r + 1, nh, repeat_t)
-        for j in range(c0, c0 + width + 1):
-            if j >= nw and not repeat_s:
-                continue
-            c = _row(j, nw, repeat_s)
-            left = _row(c - 1, nw, repeat_s)
-            total = mask[r, left] + mask[r, c] + mask[below, left] + mask[below, c]
-            active[r, c] = 1 if 0 < total < 4 else 0
+        for i in range(height):
+            for j in range(width):
+                mask[wrapped(r0 + i, nh, repeat_t), wrapped(c0 + j, nw, repeat_s)] = saved[i, j]
+        update_active(mask, active, r0, c0, height, width, repeat_t, repeat_s)
 
 
 @_compiled
-def _broken(mask, active, r, c, repeat_t, repeat_s):
-    """How many rules the mask breaks at index [r, c] of `pinchmap_mask.violations`."""
-    nh, nw = mask.shape
-    up, right = _row(r - 1, nh, repeat_t), _row(c + 1, nw, repeat_s)
-    here, beside, above, across = active[r, c], active[r, right], active[up, c], active[up, right]
-    number = here + beside + above + across
-    if number == 0:
-        return 0
-    count = 0
-    if number == 4 or (number == 2 and here == across):
-        count += 1
-    if here:
-        left, below = _row(c - 1, nw, repeat_s), _row(r + 1, nh, repeat_t)
-        upper_left, upper_right, lower_left, lower_right = mask[r, left], mask[r, c], mask[below, left], mask[below, c]
-        if (beside and upper_right == lower_right) or (above and upper_left == upper_right):
-            count += 1
-        if upper_left == lower_right and upper_right == lower_left:
-            count += 1
-        if c == nw - 1 and not repeat_s and (upper_left != upper_right or lower_left != lower_right):
-            count += 1
-        if r == 0 and not repeat_t and (upper_left != lower_left or upper_right != lower_right):
-            count += 1
-    return count
-
-
-@_compiled
-def broken_near(mask, active, r0, c0, height, width, repeat_t, repeat_s):
-    """How many rules are broken where the cells [r0, r0 + height) x [c0, c0 + width) have a say."""
-    nh, nw = mask.shape
-    count = 0
-    for i in range(r0 - 1, r0 + height + 1):
-        if (i < 0 or i >= nh) and (not repeat_t or height + 2 > nh):
-            continue
-        for j in range(c0 - 1, c0 + width + 1):
-            if (j < 0 or j >= nw) and (not repeat_s or width + 2 > nw):
-                continue
-            count += _broken(mask, active, _row(i, nh, repeat_t), _row(j, nw, repeat_s), repeat_t, repeat_s)
-    return count
-
-
-@_compiled
-def _cost_near(mask, active, cell_cost, texel_cost, penalty, r0, c0, height, width, repeat_t, repeat_s):
-    plain = _plain_cost_near(mask, active, cell_cost, texel_cost, r0, c0, height, width, repeat_t, repeat_s)
+def _penalised(mask, active, cell_cost, texel_cost, penalty, r0, c0, height, width, repeat_t, repeat_s):
+    plain = cost_near(mask, active, cell_cost, texel_cost, r0, c0, height, width, repeat_t, repeat_s)
     return plain + penalty * broken_near(mask, active, r0, c0, height, width, repeat_t, repeat_s)
-
-
-@_compiled
-def _set(mask, active, r0, c0, height, width, side, repeat_t, repeat_s):
-    for i in range(r0, r0 + height):
-        for j in range(c0, c0 + width):
-            mask[_row(i, mask.shape[0], repeat_t), _row(j, mask.shape[1], repeat_s)] = side
-    update_active(mask, active, r0, c0, height, width, repeat_t, repeat_s)
 
 
 @_compiled
@@ -224,18 +211,18 @@ def _best_move(mask, active, cell_cost, texel_cost, penalty, r, c, largest, repe
                         changed = False
                         for i in range(height):
                             for j in range(width):
-                                value = mask[_row(r0 + i, nh, repeat_t), _row(c0 + j, nw, repeat_s)]
+                                value = mask[wrapped(r0 + i, nh, repeat_t), wrapped(c0 + j, nw, repeat_s)]
                                 saved[i, j] = value
                                 changed = changed or value != side
                         if not changed:
                             continue
                         if np.isnan(before):
-                            before = _cost_near(
+                            before = _penalised(
                                 mask, active, cell_cost, texel_cost, penalty, r0, c0, height, width, repeat_t, repeat_s
                             )
-                        _set(mask, active, r0, c0, height, width, side, repeat_t, repeat_s)
+                        set_side(mask, active, r0, c0, height, width, side, repeat_t, repeat_s)
                         gain = (
-                            _cost_near(
+                            _penalised(
                                 mask, active, cell_cost, texel_cost, penalty, r0, c0, height, width, repeat_t, repeat_s
                             )
                             - before
@@ -244,117 +231,12 @@ def _best_move(mask, active, cell_cost, texel_cost, penalty, r, c, largest, repe
                             best, move = gain, (r0, c0, height, width, side)
                         for i in range(height):
                             for j in range(width):
-                                mask[_row(r0 + i, nh, repeat_t), _row(c0 + j, nw, repeat_s)] = saved[i, j]
+                                mask[wrapped(r0 + i, nh, repeat_t), wrapped(c0 + j, nw, repeat_s)] = saved[i, j]
                         update_active(mask, active, r0, c0, height, width, repeat_t, repeat_s)
     if move[2] == 0:
         return 0.0
-    _set(mask, active, move[0], move[1], move[2], move[3], move[4], repeat_t, repeat_s)
+    set_side(mask, active, move[0], move[1], move[2], move[3], move[4], repeat_t, repeat_s)
     return -best
-
-
-@_compiled
-def random(state):
-    """Uniform in [0, 1); Marsaglia's xorshift64 (2003)."""
-    x = state[0]
-    x ^= x << np.uint64(13)
-    x ^= x >> np.uint64(7)
-    x ^= x << np.uint64(17)
-    state[0] = x
-    return (x >> np.uint64(11)) * (1.0 / 9007199254740992.0)
-
-
-@_compiled
-def tied(r0, c0, height, width, nh, nw, repeat_t, repeat_s):
-    """The rectangle with its twin cells: where the map clamps, the top two rows are equal, and the last two columns."""
-    if not repeat_t and r0 < 2:
-        height, r0 = min(max(r0 + height, 2), nh), 0
-    if not repeat_s and c0 + width > nw - 2:
-        c0 = max(min(c0, nw - 2), 0)
-        width = nw - c0
-    return r0, c0, height, width
-
-
-@_compiled
-def _plain_cost_near(mask, active, cell_cost, texel_cost, r0, c0, height, width, repeat_t, repeat_s):
-    """Cost of the cells [r0, r0 + height) x [c0, c0 + width) and of the texels at their corners."""
-    nh, nw = mask.shape
-    cost = 0.0
-    for i in range(r0, r0 + height):
-        for j in range(c0, c0 + width):
-            r, c = _row(i, nh, repeat_t), _row(j, nw, repeat_s)
-            if mask[r, c]:
-                cost += cell_cost[r, c]
-    for i in range(r0 - 1, r0 + height):
-        for j in range(c0, c0 + width + 1):
-            if (i < 0 and not repeat_t) or (j >= nw and not repeat_s):
-                continue
-            r, c = _row(i, nh, repeat_t), _row(j, nw, repeat_s)
-            if not active[r, c]:
-                cost += max(-texel_cost[r, c], 0.0) if mask[r, c] else max(texel_cost[r, c], 0.0)
-    return cost
-
-
-@_compiled
-def _anneal(mask, active, cell_cost, texel_cost, places, unit, trials, repeat_t, repeat_s, seed):
-    """Simulated annealing by rectangles of up to 2 x 2 or 1 x 4 cells about `places` (P, 2)."""
-    nh, nw = mask.shape
-    state = np.array([seed * 2 + 0x9E3779B97F4A7C15], np.uint64)
-    saved, fresh = np.empty((6, 6), mask.dtype), np.empty((8, 8), np.uint8)
-    broken = np.empty((nh, nw), np.uint8)
-    for r in range(nh):
-        for c in range(nw):
-            broken[r, c] = _broken(mask, active, r, c, repeat_t, repeat_s)
-    for trial in range(trials):
-        progress = trial / trials
-        heat = unit * _HEAT * _COOLING**progress
-        penalty = unit * (0.5 + 2 * progress)
-        place = int(random(state) * len(places))
-        height, width = min(1 + int(random(state) * 2), nh), min(1 + int(random(state) * 2), nw)
-        if random(state) < 0.3:  # a stretch of a staircase
-            length = 2 + int(random(state) * 3)
-            height, width = (1, min(length, nw)) if random(state) < 0.5 else (min(length, nh), 1)
-        r0 = places[place, 0] - int(random(state) * height)
-        c0 = places[place, 1] - int(random(state) * width)
-        if not repeat_t:
-            r0 = min(max(r0, 0), nh - height)
-        if not repeat_s:
-            c0 = min(max(c0, 0), nw - width)
-        r0, c0, height, width = tied(r0, c0, height, width, nh, nw, repeat_t, repeat_s)
-        side = 1 - mask[places[place, 0], places[place, 1]]
-        before = _plain_cost_near(mask, active, cell_cost, texel_cost, r0, c0, height, width, repeat_t, repeat_s)
-        first_row, last_row = r0 - 1, r0 + height + 1
-        first_column, last_column = c0 - 1, c0 + width + 1
-        if not repeat_t or last_row - first_row > nh:
-            first_row, last_row = max(first_row, 0), min(last_row, nh)
-        if not repeat_s or last_column - first_column > nw:
-            first_column, last_column = max(first_column, 0), min(last_column, nw)
-        count = 0
-        for i in range(first_row, last_row):
-            for j in range(first_column, last_column):
-                count += broken[_row(i, nh, repeat_t), _row(j, nw, repeat_s)]
-        for i in range(height):
-            for j in range(width):
-                saved[i, j] = mask[_row(r0 + i, nh, repeat_t), _row(c0 + j, nw, repeat_s)]
-        _set(mask, active, r0, c0, height, width, side, repeat_t, repeat_s)
-        # Metropolis: accepted if exp((before - after) / heat) exceeds a uniform number, decided as early as possible.
-        limit = before + penalty * count - heat * np.log(max(random(state), 1e-12))
-        after = _plain_cost_near(mask, active, cell_cost, texel_cost, r0, c0, height, width, repeat_t, repeat_s)
-        for i in range(first_row, last_row):
-            if after > limit:
-                break
-            for j in range(first_column, last_column):
-                now = _broken(mask, active, _row(i, nh, repeat_t), _row(j, nw, repeat_s), repeat_t, repeat_s)
-                fresh[i - first_row, j - first_column] = now
-                after += penalty * now
-        if after <= limit:
-            for i in range(first_row, last_row):
-                for j in range(first_column, last_column):
-                    broken[_row(i, nh, repeat_t), _row(j, nw, repeat_s)] = fresh[i - first_row, j - first_column]
-            continue
-        for i in range(height):
-            for j in range(width):
-                mask[_row(r0 + i, nh, repeat_t), _row(c0 + j, nw, repeat_s)] = saved[i, j]
-        update_active(mask, active, r0, c0, height, width, repeat_t, repeat_s)
 
 
 @_compiled
@@ -367,7 +249,7 @@ def _improve(mask, active, cell_cost, texel_cost, penalty, repeat_t, repeat_s, p
             for c in range(box[1], min(box[3], mask.shape[1])):
                 cost = texel_cost[r, c]
                 wrong = not active[r, c] and ((mask[r, c] and cost < 0) or (not mask[r, c] and cost > 0))
-                if wrong or _broken(mask, active, r, c, repeat_t, repeat_s):
+                if wrong or broken_at(mask, active, r, c, repeat_t, repeat_s):
                     gain += _best_move(mask, active, cell_cost, texel_cost, penalty, r, c, 3, repeat_t, repeat_s, saved)
         if gain == 0:
             return
@@ -382,7 +264,7 @@ def _force(mask, active, cell_cost, repeat_t, repeat_s):
         total = 0
         for r in range(nh):
             for c in range(nw):
-                if _broken(mask, active, r, c, repeat_t, repeat_s) == 0:
+                if broken_at(mask, active, r, c, repeat_t, repeat_s) == 0:
                     continue
                 total += 1
                 r0, c0 = max(r - size // 2, 0), max(c - size // 2, 0)
@@ -391,7 +273,7 @@ def _force(mask, active, cell_cost, repeat_t, repeat_s):
                 for i in range(r0, r0 + height):
                     for j in range(c0, c0 + width):
                         cost += cell_cost[i, j]
-                _set(mask, active, r0, c0, height, width, 1 if cost < 0 else 0, repeat_t, repeat_s)
+                set_side(mask, active, r0, c0, height, width, 1 if cost < 0 else 0, repeat_t, repeat_s)
         if total == 0:
             return
         size += 1

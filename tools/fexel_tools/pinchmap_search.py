@@ -11,8 +11,8 @@ from __future__ import annotations
 import numba
 import numpy as np
 
+from fexel_tools.pinchmap_changes import broken_near, random, tied, update_active
 from fexel_tools.pinchmap_gamma import cell_errors, cells_of, descend, refresh
-from fexel_tools.pinchmap_legal import broken_near, random, tied, update_active
 
 __all__ = ["clip_levels", "costs_of_turning", "exchange", "search", "sweep", "sweep_freely"]
 
