@@ -28,8 +28,8 @@ def clear_of_lines(pinchmap: NDArray[np.float64], line_width: float) -> NDArray[
     Returns
     -------
     (Nh, Nw, 4) float64
-        With abs(gamma) at most 1 - `line_width` (0.3 at least) in texels that are not active: half a line reaches half as
-        far where k^B - gamma^B changes by 1 a texel.
+        With abs(gamma) at most 1 - `line_width` (0.3 at least) in texels that are not active: half a line reaches half
+        as far where k^B - gamma^B changes by 1 a texel.
 
     Examples
     --------
