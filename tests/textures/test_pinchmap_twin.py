@@ -190,6 +190,11 @@ def test_places_that_are_not_finite_show_nothing():
     assert np.isfinite(shown).all()
     assert shown[:2].tolist() == [[0] * 4] * 2
     assert shown[2, 3] == 1
+    jacobians = np.tile(np.eye(2) / 64, (3, 1, 1))
+    jacobians[0, 1, 0] = np.nan
+    jacobians[1, 0, 0] = np.inf
+    shown = sample_pinchmap(pinchmap, two_colors(mask), np.full((3, 2), 0.5), jacobians)
+    assert shown[:, 3].tolist() == [0, 0, 1]
 
 
 def test_one_texel_maps_and_signals():

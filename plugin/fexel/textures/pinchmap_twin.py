@@ -244,7 +244,7 @@ def sample_pinchmap(
     Returns
     -------
     (M, 4) float64
-        Linear, premultiplied. Zero where `st` is not finite.
+        Linear, premultiplied. Zero where `st` or `jacobian` is not finite.
 
     Raises
     ------
@@ -260,12 +260,13 @@ def sample_pinchmap(
             f"a signal of {signal_size[0]} x {signal_size[1]} texels with a pinchmap of {size[0]} x {size[1]}: "
             "expected the pinchmap's size times 1, 2, 4 or another power of two"
         )
-    st, finite = _finite(np.asarray(st, np.float64))
+    axes = np.zeros((2, 2)) if jacobian is None else np.asarray(jacobian, np.float64)
+    st, axes, finite = _finite(np.asarray(st, np.float64), axes)
     place = pinch(
-        pinchmap, st, h, wrap=wrap, jacobian=jacobian, antialias=antialias, line_width=line_width, gradient=gradient
+        pinchmap, st, h, wrap=wrap, jacobian=axes, antialias=antialias, line_width=line_width, gradient=gradient
     )
-    texels = np.zeros((2, 2)) if jacobian is None else np.asarray(jacobian) * np.array(signal_size)[:, None]
-    lod = np.broadcast_to(np.log2(np.maximum(_major_axis(texels), _FLOOR)), len(st))
+    footprint = _major_axis(axes * np.array(signal_size)[:, None])
+    lod = np.broadcast_to(np.log2(np.maximum(footprint, _FLOOR)), len(st))
     color = trilinear(levels, place.st, lod, wrap)
     if line_width > 0:
         ink = np.array([*np.multiply(line_color[:3], line_color[3]), line_color[3]])
@@ -330,6 +331,12 @@ def _texel_gradient(across: NDArray[np.float64], axes: NDArray[np.float64]) -> N
     return np.stack([s, t], 1) * inverse[:, None]
 
 
-def _finite(st: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    finite = np.isfinite(st).all(1)
-    return (st if finite.all() else np.where(finite[:, None], st, 0.0)), finite
+def _finite(
+    st: NDArray[np.float64], axes: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+    """Places and Jacobians with zeros where either is not finite, and where both are."""
+    known = np.isfinite(axes).all((-2, -1))
+    finite = np.isfinite(st).all(1) & known
+    if finite.all():
+        return st, axes, finite
+    return np.where(finite[:, None], st, 0.0), np.where(known[..., None, None], axes, 0.0), finite
