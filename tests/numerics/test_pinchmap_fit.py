@@ -279,3 +279,12 @@ def test_cutting_repeats_the_border(rng):
     np.testing.assert_array_equal(part[:4, 2:], image[1:5, :4])
     np.testing.assert_array_equal(part[4], part[3])
     np.testing.assert_array_equal(part[:, 0], part[:, 2])
+
+
+def test_a_small_thing_in_a_large_image_is_fitted_at_the_cost_of_its_window():
+    side = np.zeros((2000, 3000), np.float32)
+    side[1200:1204, 700:703] = 1
+    window = choose_window(side, (24, 24), content=side > 0)
+    fitted = fit(side, (24, 24), window=window)
+    assert_sound(fitted, side)
+    assert fitted.mismatch == 0

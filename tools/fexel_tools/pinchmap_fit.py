@@ -116,7 +116,7 @@ def fit(
         mask = np.full(shape, bool(lattice.ones.any()))
         levels = np.where(mask, 1.0, -1.0)
     else:
-        levels, mask = _solve(image, lattice, shape, repeat, scaled, unit, seed)
+        levels, mask = _solve(image, lattice, shape, repeat, scaled, _locked(side.shape, shape, full), unit, seed)
     pinchmap = _pinchmap_of(levels, mask, wrap, unit)
     plus = (side > 0.5).astype(np.uint8)
     wrong = wrong_pixels(plus, pinchmap[..., 2] - pinchmap[..., 3], repeat, full)
@@ -125,28 +125,30 @@ def fit(
 
 
 def _at_working_size(side: NDArray, shape: tuple[int, int], window: Window) -> tuple[NDArray, Window]:
-    """The image resized so that a cell has between 8 and 32 pixels a side, and the window in its pixels."""
+    """The image about the window, so resized that a cell has 8 to 64 pixels a side, and the window in its pixels."""
+    left, top = max(int(window[0]) - 2, 0), max(int(window[1]) - 2, 0)  # 2: what the resampling looks at
+    side = side[top : int(window[3]) + 3, left : int(window[2]) + 3]
+    window = (window[0] - left, window[1] - top, window[2] - left, window[3] - top)
     factors = []
     for first, last, cells in ((window[0], window[2], shape[1]), (window[1], window[3], shape[0])):
         size = (last - first) / cells
         factors.append(1 / ceil(size / _MOST_PIXELS) if size > _MOST_PIXELS else max(ceil(_FEWEST_PIXELS / size), 1))
     if factors == [1, 1]:
-        return side, window
+        return np.ascontiguousarray(side), window
     target = tuple(max(round(n * f), 1) for n, f in zip(side.shape[::-1], factors, strict=True))
+    fx, fy = target[0] / side.shape[1], target[1] / side.shape[0]
     for size in ((target[0], side.shape[0]), target):  # one axis after the other: they may differ in direction
         smaller = size[0] < side.shape[1] or size[1] < side.shape[0]
         side = cv2.resize(side, size, interpolation=cv2.INTER_AREA if smaller else cv2.INTER_CUBIC)
-    fx, fy = factors
     return np.ascontiguousarray(side, np.float32), (window[0] * fx, window[1] * fy, window[2] * fx, window[3] * fy)
 
 
 def _solve(
-    image: NDArray, lattice: Lattice, shape: tuple[int, int], repeat: tuple[bool, bool], window, unit: float, seed: int
+    image: NDArray, lattice: Lattice, shape: tuple[int, int], repeat: tuple[bool, bool], window, locked, unit, seed: int
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Levels on the grid of `unit` and a legal mask."""
     points = boundary_points(image, shape, window)
     pixel = max(shape[1] / (window[2] - window[0]), shape[0] / (window[3] - window[1]))  # in cells
-    locked = _locked(image.shape, shape, window)
     plus = (_side_at_texels(image, shape, window) > 0.5) & (locked == 0)
     distance = source_levels(points, len(points), plus, repeat[1], repeat[0])
     low, high = np.where(plus, 0.01, -1.0), np.where(plus, 1.0, -0.01)
