@@ -1,4 +1,5 @@
-// A texture looked up at given places with given derivatives, one per pixel: for bakes and tests.
+// A texture looked up at given places with given derivatives, one per pixel: for tests. Edges of pinchmaps that go the fast
+// way are anti-aliased by differences between pixels, whose places must then be neighbours.
 // Defines: TEXTURE_SAMPLE, the kind's sampling function, whose file is among the includes.
 uniform sampler2D lookupSt;          // xy: local texture coordinates
 uniform sampler2D lookupJacobian;    // xy: derivative per pixel along x, zw: along y

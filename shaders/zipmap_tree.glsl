@@ -73,7 +73,8 @@ vec4 zipmap_texel(vec2 texel, vec2 size, vec4 level, int pageClass)
 }
 
 // A patch of another kind: kind number k is sampled by ZIPMAP_KIND<k>_SAMPLE(record, st, dstdx, dstdy, lod), with the same
-// local st as the zipmap; linear, premultiplied, transparent outside of the patch. Only kinds that are there are compiled.
+// local st as the zipmap; linear, premultiplied, transparent outside of the patch. Only kinds that are there are compiled;
+// number 0 is the zipmap itself, whose patches are layers.
 #if defined(ZIPMAP_KIND1_SAMPLE) || defined(ZIPMAP_KIND2_SAMPLE) || defined(ZIPMAP_KIND3_SAMPLE)
 #define ZIPMAP_OTHER_KINDS 1
 vec4 zipmap_other_kind(vec4 names, vec2 st, vec2 dstdx, vec2 dstdy, vec4 image, inout float lod)
