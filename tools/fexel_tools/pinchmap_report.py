@@ -27,8 +27,8 @@ from fexel_tools.pinchmap_fit import Fault
 
 __all__ = ["PinchmapItem", "PinchmapReport", "describe", "describe_blur", "describe_faults"]
 
-_MOST_LISTED = 20
 _LITTLE_GAIN_DB = 2.0
+_LINES_FIT = 0.005  # share of pixels on the wrong side
 
 
 @dataclass(frozen=True)
@@ -109,8 +109,11 @@ def describe(item: PinchmapItem) -> str:
     return f"{item.file}: {width} x {height}, {item.nbytes} bytes, {wrong}{iou}{distance}{psnr}"
 
 
-def describe_faults(file: str, faults: Sequence[Fault], suggested_size: int | None) -> list[str]:
-    """Lines that say where the map falls short, the worst places first, and which size would help; none without."""
+def describe_faults(file: str, faults: Sequence[Fault], suggested_size: int | None, most: int = 20) -> list[str]:
+    """Lines that say where the map falls short, the worst places first, and which size would help; none without.
+
+    At most `most` places are listed.
+    """
     if not faults:
         return []
     ordered = sorted(faults, key=lambda fault: -fault.pixels)
@@ -119,15 +122,17 @@ def describe_faults(file: str, faults: Sequence[Fault], suggested_size: int | No
     lines = [f"{file}: {places} where the lines are more than the map can express{hint}"]
     lines += [
         f"  {fault.reason} at pixel ({fault.x:.0f}, {fault.y:.0f}), {fault.pixels} pixels wrong"
-        for fault in ordered[:_MOST_LISTED]
+        for fault in ordered[:most]
     ]
-    left = len(faults) - _MOST_LISTED
-    return lines + ([f"  and {left} more, in the report"] if left > 0 else [])
+    left = len(faults) - most
+    return lines + ([f"  and {left} more: see --report"] if left > 0 else [])
 
 
 def describe_blur(item: PinchmapItem) -> str:
     """A line for a picture of which a plain texture shows nearly as much, because its edges lie inside; else ''."""
     if item.psnr_db is None or item.plain_psnr_db is None or item.psnr_db > item.plain_psnr_db + _LITTLE_GAIN_DB:
+        return ""
+    if item.mismatch > _LINES_FIT:  # then the lines themselves are what falls short
         return ""
     return (
         f"{item.file}: colours inside the edges are as soft as in a plain texture of equal bytes "

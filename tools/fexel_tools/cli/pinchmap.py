@@ -129,7 +129,7 @@ def _pinchmap(
 
     with progress_bars() as progress:
         item = make_pinchmap(files[0], output, options, report=report, sheet=sheet, progress=progress)
-    _tell(item, options)
+    _tell(item, options, 20)
 
 
 def _many(files, output, options, report, sheet, jobs) -> None:
@@ -144,7 +144,7 @@ def _many(files, output, options, report, sheet, jobs) -> None:
     with progress_bars() as progress:
         result = make_pinchmaps(files, output, options, report=report, sheet=sheet, jobs=jobs, progress=progress)
     for item in result.items:
-        _tell(item, options)
+        _tell(item, options, 3)
     for _, message in result.failed:
         sys.stderr.write(f"fexel: {message}\n")
     if result.failed:
@@ -176,12 +176,12 @@ def _options(
     )
 
 
-def _tell(item, options) -> None:
+def _tell(item, options, most_faults) -> None:
     from fexel_tools.pinchmap_report import describe, describe_blur, describe_faults
 
     typer.echo(describe(item))
     blur = "" if options.regions or options.mask or options.is_data else describe_blur(item)
     if blur:
         typer.echo(blur)
-    for line in describe_faults(item.file, item.faults, item.suggested_size):
+    for line in describe_faults(item.file, item.faults, item.suggested_size, most_faults):
         typer.echo(line)
