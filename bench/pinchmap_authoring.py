@@ -42,8 +42,10 @@ from fexel_tools.pinchmap_source import PinchmapSource
 
 NAME = "pinchmap authoring"
 _SIZES = (32, 64)
-_CURVE_SIZES = (16, 32, 64, 128)
+_CURVE_SIZES = (16, 32, 64)
 _EFFORTS = (0.0, 0.25, 1.0, 4.0)
+EFFORT = ("_FREE_TRIALS", "_TRIALS")
+"""Constants of the fit that say how many trials its search makes per cell with an error."""
 _ASKED = {
     "mismatch": {32: 0.15, 64: 0.022},
     "iou": {32: 0.9958, 64: 0.9993},
@@ -123,7 +125,7 @@ def curves(quick: bool) -> Iterator[Curve]:
             ours=way == "psnr",
             annotations=[str(size) for size in sizes] if way == "psnr" else [],
         )
-    yield from _effort_curves(quick)
+    yield from _effort_curves(drawings(quick))
 
 
 def _measured(path: Path, size: int) -> _Result:
@@ -313,15 +315,14 @@ def _worst_row(results: list[_Result]) -> Row:
     )
 
 
-def _effort_curves(quick: bool) -> Iterator[Curve]:
+def _effort_curves(files: list[Path]) -> Iterator[Curve]:
     """Wrong pixels against the CPU time of the fit, by the number of trials of its search."""
-    files = drawings(quick)[:: 1 if quick else 2]
     for size in _SIZES:
         sources = [compute_pinchmap(str(path), _options(path, size)) for path in files]
         points = [_effort(sources, effort) for effort in _EFFORTS]
         yield Curve(
             plot="pinchmap_effort",
-            label=f"fexel, {size} texels, by trials of the search",
+            label=f"fexel, {size} texels, {len(files)} drawings, by trials of the search",
             x=[seconds for seconds, _ in points],
             y=[mismatch for _, mismatch in points],
             x_label="CPU seconds of the fit, median",
@@ -342,9 +343,9 @@ def _effort_curves(quick: bool) -> Iterator[Curve]:
 
 def _effort(sources: list, effort: float) -> tuple[float, float]:
     """Median CPU seconds and percentage of wrong pixels with so many times the usual trials."""
-    trials = type(pinchmap_fit.TRIALS)(pinchmap_fit.TRIALS * effort)
+    trials = {name: getattr(pinchmap_fit, name) * effort for name in EFFORT}
     seconds, wrong = [], []
-    with mock.patch.object(pinchmap_fit, "TRIALS", trials):
+    with mock.patch.multiple(pinchmap_fit, **trials):
         for pinchmap in sources:
             side, fitted = pinchmap.source.side, pinchmap.fit
             spent, result = _cpu(lambda: pinchmap_fit.fit(side, fitted.mask.shape, window=fitted.window))  # noqa: B023

@@ -120,3 +120,10 @@ def test_benchmarks_of_pinchmaps_have_no_rows_without_the_data(monkeypatch):
     for name in ("pinchmap_shape", "pinchmap_authoring"):
         module = pytest.importorskip(f"bench.{name}")
         assert list(module.rows(True)) == []
+
+
+def test_constants_whose_effect_the_authoring_benchmark_plots_are_those_of_the_fit():
+    authoring = pytest.importorskip("bench.pinchmap_authoring")
+    from fexel_tools import pinchmap_fit
+
+    assert all(isinstance(getattr(pinchmap_fit, name), int) for name in authoring.EFFORT)
