@@ -73,7 +73,7 @@ def test_stage_validates_without_a_finding(name):
 def test_readme_names_licence_and_origin(name):
     text = (FOLDER / name / "README.md").read_text(encoding="utf-8")
     assert re.search(r"Apache-2\.0", text)
-    assert re.search(r"make\.py|fexel zipmap", text)
+    assert re.search(r"make\.py|fexel zipmap|fexel pinchmap", text)
     if (FOLDER / name / "photos").is_dir():
         assert "CC BY" in text
 

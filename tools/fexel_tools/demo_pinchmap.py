@@ -29,7 +29,7 @@ __all__ = ["MAGNIFICATION", "PinchmapDemo", "bundled_sources", "comparison", "ma
 
 MAGNIFICATION = 6.0
 """How much larger the close-up shows the surface than the whole."""
-_SIZES = {"deer.svg": 64, "sweets.png": 48}
+_SIZES = {"fish.svg": 32, "sweets.png": 48}
 _MARGIN = 1.06  # what the whole shows, over the surface's longer side
 _PAPER = 0.78  # linear grey behind what is transparent
 _CAMERA = "/World/Cameras/Demo"
