@@ -158,6 +158,8 @@ def _solve(
     attempts = []
     for free in (first, second):  # the better levels need not suit the better mask
         cells = _legal_mask(lattice, free, distance, locked, repeat, seed).astype(np.uint8)
+        if attempts and (cells == attempts[0][0]).all():
+            continue
         active = np.empty(shape, np.uint8)
         update_active(cells, active, 0, 0, *shape, repeat[1], repeat[0])
         levels = second.copy()

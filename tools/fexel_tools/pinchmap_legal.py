@@ -29,7 +29,7 @@ __all__ = ["legalise"]
 
 _HEAT, _COOLING = 0.3, 0.01  # first temperature, in pixels of a cell, and the last one over it
 _MOST_MOVES = 1_500_000  # of a restart: about a second
-_ENOUGH_MOVES = 120_000  # for a third restart and more
+_ENOUGH_MOVES = 80_000  # for a third restart and more
 _compiled = numba.njit(cache=True, nogil=True, error_model="numpy")
 
 
@@ -71,13 +71,14 @@ def legalise(
     active = np.empty_like(best)
     update_active(best, active, 0, 0, *best.shape, repeat[1], repeat[0])
     least = _make_legal(best, active, (0, 0, *best.shape), cell_cost, texel_cost, unit, repeat)
-    spent = 0
+    spent, idle = 0, 0
     for run in range(restarts):
         near = _dilated(_wrong_texels(best, active, texel_cost, 0.01 * unit), repeat)
         moves = min(trials, _MOST_MOVES // max(int(near.sum()), 1))
         spent += moves * int(near.sum())
-        if run >= 2 and spent > _ENOUGH_MOVES:
+        if idle == 2 or (run >= 2 and spent > _ENOUGH_MOVES):
             break
+        idle += 1
         number, labels, boxes, _ = cv2.connectedComponentsWithStats(near.astype(np.uint8), connectivity=8)
         for label in range(1, number):  # each for itself: one place's luck must not hang on another's
             left, top, width, height, _ = boxes[label]
@@ -89,7 +90,7 @@ def legalise(
             box = (max(top - 3, 0), max(left - 3, 0), top + height + 3, left + width + 3)
             cost = _make_legal(cells, around, box, cell_cost, texel_cost, unit, repeat)
             if cost < least:
-                best, active, least = cells, around, cost
+                best, active, least, idle = cells, around, cost, 0
     return best.astype(bool)
 
 
