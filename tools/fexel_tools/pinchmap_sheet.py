@@ -23,8 +23,8 @@ from fexel_tools.contact_sheet import SheetRow, contact_sheet, write_png
 from fexel_tools.pinchmap_baking import WHOLE
 
 if TYPE_CHECKING:
-    from fexel_tools.pinchmap import Pinchmap
     from fexel_tools.pinchmap_report import PinchmapItem
+    from fexel_tools.pinchmap_solution import Pinchmap
     from fexel_tools.pinchmap_source import PinchmapSource
 
 __all__ = ["Panels", "draw_panels", "plain_texture", "premultiplied", "seen", "write_sheet"]
