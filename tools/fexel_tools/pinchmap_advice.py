@@ -21,6 +21,7 @@ __all__ = ["suggested_size"]
 _TEXELS_ACROSS = 1.5
 _NEIGHBOURHOOD = 1.0  # texels
 _RESOLVED = 0.8  # share of the wrong pixels whose faults the size shall resolve
+_MOST = 4.0  # times the size: what needs a still finer map is a speck
 _LEAST_GAIN = 1.25  # a size nearer to the one at hand helps little
 _TOPOLOGICAL = ("crossing", "junction")
 _STEP = 4
@@ -42,7 +43,7 @@ def suggested_size(side: np.ndarray, faults: Sequence[Fault], size: int, texel_p
     Returns
     -------
     int or None
-        A multiple of 4, larger than `size`; None without faults, or where the source has no pixels for a finer map.
+        A multiple of 4, larger than `size`, at most four times that; None without faults, or where the source has no pixels for a finer map.
     """
     height, width = side.shape
     largest = largest_auto_size(width, height)
@@ -51,7 +52,7 @@ def suggested_size(side: np.ndarray, faults: Sequence[Fault], size: int, texel_p
     factors, pixels = _factors(side > 0.5, faults, texel_px), np.array([fault.pixels for fault in faults])
     order = np.argsort(factors, kind="stable")
     resolved = np.cumsum(pixels[order]) >= _RESOLVED * pixels.sum()
-    wanted = size * max(float(factors[order][np.argmax(resolved)]), _LEAST_GAIN)
+    wanted = size * float(np.clip(factors[order][np.argmax(resolved)], _LEAST_GAIN, _MOST))
     return int(min(-(-wanted // _STEP) * _STEP, largest))
 
 
