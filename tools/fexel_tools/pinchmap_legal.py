@@ -30,6 +30,7 @@ __all__ = ["legalise"]
 _HEAT, _COOLING = 0.3, 0.01  # first temperature, in pixels of a cell, and the last one over it
 _MOST_MOVES = 1_500_000  # of a restart: about a second
 _ENOUGH_MOVES = 80_000  # for a third restart and more
+_MOST_TRIED = 4000  # places mended one by one; of noise the rest is left to larger squares
 _compiled = numba.njit(cache=True, nogil=True, error_model="numpy")
 
 
@@ -244,6 +245,7 @@ def _best_move(mask, active, cell_cost, texel_cost, penalty, r, c, largest, repe
 def _improve(mask, active, cell_cost, texel_cost, penalty, repeat_t, repeat_s, passes, box):
     """Moves of up to 3 x 3 cells wherever a rule is broken or a texel is on the wrong side."""
     saved = np.empty((5, 5), mask.dtype)
+    tried = 0
     for _ in range(passes):
         gain = 0.0
         for r in range(box[0], min(box[2], mask.shape[0])):
@@ -251,6 +253,9 @@ def _improve(mask, active, cell_cost, texel_cost, penalty, repeat_t, repeat_s, p
                 cost = texel_cost[r, c]
                 wrong = not active[r, c] and ((mask[r, c] and cost < 0) or (not mask[r, c] and cost > 0))
                 if wrong or broken_at(mask, active, r, c, repeat_t, repeat_s):
+                    tried += 1
+                    if tried > _MOST_TRIED:
+                        return
                     gain += _best_move(mask, active, cell_cost, texel_cost, penalty, r, c, 3, repeat_t, repeat_s, saved)
         if gain == 0:
             return
