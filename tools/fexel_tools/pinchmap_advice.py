@@ -43,7 +43,8 @@ def suggested_size(side: np.ndarray, faults: Sequence[Fault], size: int, texel_p
     Returns
     -------
     int or None
-        A multiple of 4, larger than `size`, at most four times that; None without faults, or where the source has no pixels for a finer map.
+        A multiple of 4, larger than `size`, at most four times that; None without faults, or where the source has no
+        pixels for a finer map.
     """
     height, width = side.shape
     largest = largest_auto_size(width, height)
