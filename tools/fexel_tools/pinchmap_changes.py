@@ -39,11 +39,7 @@ def random(state):
 @_compiled
 def wrapped(i, n, repeat):
     """Index of a row or column that may lie outside; there the other border follows, or the same goes on."""
-    if i < 0:
-        return i + n if repeat else 0
-    if i >= n:
-        return i - n if repeat else n - 1
-    return i
+    return i % n if repeat else min(max(i, 0), n - 1)
 
 
 @_compiled
