@@ -178,6 +178,26 @@ def test_folder_of_nothing_but_failures_is_not_left_behind(folder):
     assert not Path("icons").exists()
 
 
+def test_contact_sheet_that_nobody_named_replaces_no_input(folder):
+    """A picture of that name, and the sheet of an earlier run among the files of the next."""
+    Path("cs").mkdir()
+    write_image("cs/a.png", blob())
+    write_image("cs/contact_sheet.png", blob())
+    before = digests(".")
+    message = failure("cs/a.png", "cs/contact_sheet.png", "-o", "cs/", "--size", "8", "--jobs", "1")
+    assert message.startswith("cs/contact_sheet.png: would be replaced by the contact sheet, expected a --sheet")
+    assert failure("cs/a.png", "-o", "cs/", "--mask", "cs/contact_sheet.png").startswith("cs/contact_sheet.png: ")
+    assert digests(".") == before
+    elsewhere = run("cs/a.png", "cs/contact_sheet.png", "-o", "cs/", "--size", "8", "--jobs", "1", "--sheet", "s.png")
+    assert elsewhere.exit_code == 0
+    assert digests("cs")["contact_sheet.png"] == before["contact_sheet.png"]
+
+
+def test_report_replaces_no_stage_of_the_folder(folder):
+    Path("icons").mkdir()
+    assert failure("drop.svg", "-o", "icons/", "--report", "icons/drop.usda").startswith("icons/drop.usda: is an image")
+
+
 def test_one_file_into_a_folder(folder):
     assert run("drop.svg", "-o", "icons/", "--size", "8").exit_code == 0
     assert files("icons") == ["icons/contact_sheet.png", "icons/drop.usda", "icons/drop_textures"]
@@ -340,9 +360,9 @@ def test_any_size_of_image(folder, shape):
         (["drop.svg", "--seed", "-1"], "--seed: -1, expected a number that is not negative"),
         (["drop.svg", "--jobs", "0"], "--jobs: 0, expected at least 1"),
         (["drop.svg", "--report", "nowhere/r.json"], "nowhere/r.json: the folder nowhere does not exist"),
-        (["drop.svg", "--report", "drop.svg"], "drop.svg: is "),
+        (["drop.svg", "--report", "drop.svg"], "drop.svg: is an image or drawing to read"),
         (["drop.svg", "--sheet", "s.jpg"], "s.jpg: the sheet is a '.jpg', expected a .png"),
-        (["blob.png", "--sheet", "blob.png"], "blob.png: is "),
+        (["blob.png", "--sheet", "blob.png"], "blob.png: is an image or drawing to read"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_is_refused_in_one_line_and_nothing_is_written(folder, arguments, expected):

@@ -126,7 +126,7 @@ def check_side_outputs(report: str | Path | None, sheet: str | Path | None, othe
         return
     if Path(sheet).suffix.lower() != ".png":
         raise FexelError(f"{sheet}: the sheet is a '{Path(sheet).suffix}', expected a .png")
-    check_report(sheet, [*others, *([report] if report is not None else [])])
+    check_report(sheet, [*others, *([report] if report is not None else [])], "sheet")
 
 
 def author_pinchmap(

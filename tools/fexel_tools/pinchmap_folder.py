@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import multiprocessing
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ from fexel_tools.pinchmap_options import PinchmapOptions, check_options
 from fexel_tools.pinchmap_report import PinchmapReport
 from fexel_tools.pinchmap_sheet import write_sheet
 from fexel_tools.progress import Progress, silent
-from fexel_tools.report import write_report
+from fexel_tools.report import check_report, write_report
 from fexel_tools.staged_output import check_output
 
 __all__ = ["CONTACT_SHEET", "make_pinchmaps"]
@@ -70,7 +70,7 @@ def make_pinchmaps(
     report : str or Path, optional
         JSON file, see `fexel_tools.pinchmap_report`.
     sheet : str or Path, optional
-        Contact sheet; default ``contact_sheet.png`` in the folder.
+        Contact sheet; default ``contact_sheet.png`` in the folder, which must not be one of the files.
     jobs : int
         Processes. More than one start fresh interpreters: a script that calls this needs the usual
         ``if __name__ == "__main__"``.
@@ -95,19 +95,37 @@ def make_pinchmaps(
         raise FexelError(f"--jobs: {jobs}, expected at least 1")
     if extension not in _EXTENSIONS:
         raise FexelError(f"stages end in '{extension}', expected one of {', '.join(_EXTENSIONS)}")
-    check_side_outputs(report, sheet, list(files))
-    was_missing = _make_folder(folder)
     tasks = [_Task(f, folder / name, options) for f, name in zip(files, _stage_names(files, extension), strict=True)]
+    read = [*files, *_shared_inputs(options)]
+    check_side_outputs(report, sheet, [*read, *(task.out for task in tasks)])
+    if sheet is None:
+        sheet = folder / CONTACT_SHEET
+        _check_contact_sheet(sheet, [*read, *([report] if report is not None else [])])
+    was_missing = _make_folder(folder)
     outcomes = _run(tasks, jobs, progress or silent)
     result = _report(tasks, outcomes)
     if result.items:
         panels = [o.authored.panels for o in outcomes if o.authored and o.authored.panels]
-        write_sheet(panels, sheet if sheet is not None else folder / CONTACT_SHEET)
+        write_sheet(panels, sheet)
     elif was_missing:
         folder.rmdir()
     if report is not None:
         write_report(result, report)
     return result
+
+
+def _shared_inputs(options: PinchmapOptions) -> list[str]:
+    """Images that every file is made with."""
+    return [file for file in (options.mask, options.regions) if file and Path(file).is_file()]
+
+
+def _check_contact_sheet(sheet: Path, others: Sequence[str | Path]) -> None:
+    """The sheet that nobody named must not replace what is read, such as the sheet of an earlier run among the files."""
+    for other in others:
+        if Path(other).resolve() == sheet.resolve():
+            raise FexelError(f"{other}: would be replaced by the contact sheet, expected a --sheet elsewhere")
+    if sheet.parent.is_dir():
+        check_report(sheet, what="sheet")
 
 
 def _make_folder(folder: Path) -> bool:

@@ -68,14 +68,16 @@ class ZipmapReport:
         return {"root": self.root, "photos": [photo.as_json() for photo in self.photos]}
 
 
-def check_report(file: str | Path, others: Iterable[str | Path] = ()) -> None:
-    """See to it, before any work, that the report can be written.
+def check_report(file: str | Path, others: Iterable[str | Path] = (), what: str = "report") -> None:
+    """See to it, before any work, that a report, or what else is written beside the output, can be written.
 
     Parameters
     ----------
     file : str or Path
     others : iterable of str or Path
-        The run's inputs and its other output, which the report must not replace.
+        The run's inputs and its other outputs, which it must not replace.
+    what : str
+        What the file is, for messages.
 
     Raises
     ------
@@ -86,11 +88,13 @@ def check_report(file: str | Path, others: Iterable[str | Path] = ()) -> None:
     if not path.parent.is_dir():
         raise FexelError(f"{file}: the folder {path.parent} does not exist")
     if path.is_dir():
-        raise FexelError(f"{file}: is a folder, expected a file name for the report")
+        raise FexelError(f"{file}: is a folder, expected a file name for the {what}")
     if not os.access(path.parent, os.W_OK | os.X_OK):
         raise FexelError(f"{file}: the folder {path.parent} cannot be written to")
     if any(path.resolve() == Path(other).resolve() for other in others):
-        raise FexelError(f"{file}: is a photo or the output itself, expected another file for the report")
+        raise FexelError(
+            f"{file}: is an image or drawing to read, or another output, expected another file for the {what}"
+        )
 
 
 def write_report(report: ZipmapReport, file: str | Path) -> None:
