@@ -134,6 +134,23 @@ def test_pinchmap_seam_equals_the_twin(gl, tmp_path, rng, wrap, zoom):
         assert (error > 0.05).mean() < 1e-3
 
 
+@pytest.mark.parametrize("wrap", ["clamp", "repeat", "mirror"])
+@pytest.mark.parametrize(
+    "low, high", [((1, 1), (2, 2)), ((-1, -1), (0, 0)), ((1.1, 0.1), (1.6, 0.7)), ((3.2, -2.3), (3.7, -2.1))]
+)
+def test_pinchmap_seen_only_beyond_its_unit_square_equals_the_twin(gl, tmp_path, rng, wrap, low, high):
+    made = Made(rng, tmp_path, wrap=(wrap, wrap))
+    view = front_view((0, 0), (1, 1), 96, 96)
+    in_plane, jacobian, _ = pixel_st(view)
+    extent = np.subtract(high, low)
+    st, jacobian = in_plane * extent + low, np.diag(extent) @ jacobian
+    rendered, between_pixels = render(gl, made.texture(), quad(low, high), view, anisotropy=1)
+    gradient = quad_gradient(edge(made.pinchmap, st, made.wrap).reshape(96, 96)) if between_pixels else None
+    error = np.abs(rendered - made.expected(view, st, jacobian, gradient)).max(axis=-1)
+    assert np.quantile(error, 0.999) < 1e-3
+    assert (error > 0.05).mean() < 1e-3
+
+
 @pytest.mark.parametrize("bits", [8, 16, 32])
 @pytest.mark.parametrize("octaves", [0, 3])
 def test_pinchmap_of_any_depth_and_signal_size_equals_the_twin(gl, tmp_path, rng, bits, octaves):

@@ -191,7 +191,7 @@ class _PinchmapBaker:
         """The files as they are drawn; a pinchmap that cannot be used shows the fallback colour instead."""
         facts = self._cache.facts(source, self._path)
         s, t = (mode if mode in ("repeat", "mirror") else "clamp" for mode in facts.wrap)
-        found = self._pinchmaps.source(self._data.pinchmap, self._path, facts.info, (s == "repeat", t == "repeat"))
+        found = self._pinchmaps.source(self._data.pinchmap, self._path, facts.info, (s, t))
         if found is None:
             source = replace(source, file="")
             facts, found = self._cache.facts(source, self._path), CONSTANT

@@ -182,8 +182,7 @@ def _images(data: PinchmapData, path: str, pool: TexturePool) -> _Images:
     cache = pool.reader(PyramidCache)
     reader = pool.reader(PinchmapTexels)
     facts = cache.facts(data.signal, path)
-    repeats = facts.wrap[0] == "repeat", facts.wrap[1] == "repeat"
-    source = reader.source(data.pinchmap, path, facts.info, repeats)
+    source = reader.source(data.pinchmap, path, facts.info, facts.wrap)
     signal = data.signal
     if source is None:
         source, signal = CONSTANT, replace(signal, file="", wrap=("clamp", "clamp"))

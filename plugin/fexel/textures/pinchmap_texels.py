@@ -35,12 +35,13 @@ class PinchmapSource:
     ----------
     file : str
         Resolved path; '' for the pinchmap of one texel that displaces nothing.
-    repeats : (bool, bool)
-        Whether it continues with its other end along s and t, else with its edge.
+    wrap : (str, str)
+        How it continues along s and t: ``repeat`` with its other end, ``mirror`` with itself reversed, which is with
+        its edge as far as one cell reads beyond it, ``clamp`` with its edge.
     """
 
     file: str = ""
-    repeats: tuple[bool, bool] = (False, False)
+    wrap: tuple[str, str] = ("clamp", "clamp")
 
 
 CONSTANT = PinchmapSource()
@@ -54,7 +55,7 @@ class PinchmapTexels:
         self._warned: set[str] = set()
 
     def source(
-        self, file: str, path: str, signal: images.ImageInfo | None, repeats: tuple[bool, bool]
+        self, file: str, path: str, signal: images.ImageInfo | None, wrap: tuple[str, str]
     ) -> PinchmapSource | None:
         """The pinchmap for a signal, or None where it cannot be used.
 
@@ -66,7 +67,8 @@ class PinchmapTexels:
             Prim to name.
         signal : ImageInfo or None
             None where the signal is a constant.
-        repeats : (bool, bool)
+        wrap : (str, str)
+            Resolved wrap modes of the signal; all but ``repeat`` and ``mirror`` clamp.
         """
         if not file or signal is None:
             return CONSTANT
@@ -80,7 +82,8 @@ class PinchmapTexels:
         except FexelError as error:
             self._warn(path, str(error))
             return None
-        return PinchmapSource(file, repeats)
+        s, t = (mode if mode in ("repeat", "mirror") else "clamp" for mode in wrap)
+        return PinchmapSource(file, (s, t))
 
     def _warn(self, path: str, fault: str) -> None:
         message = f"{path}.inputs:pinchmap: {fault}; inputs:fallback is shown"
@@ -109,19 +112,18 @@ class PinchmapTexels:
         """See `fexel.textures.pool.TexelReader`."""
         texels = self._read(source.file)
         size = (texels.shape[1], texels.shape[0])
-        wrap = ("repeat" if source.repeats[0] else "clamp", "repeat" if source.repeats[1] else "clamp")
-        return ImageFacts(size, SNORM if texels.dtype == np.int8 else FLOAT, wrap, None, has_levels=False)
+        return ImageFacts(size, SNORM if texels.dtype == np.int8 else FLOAT, source.wrap, None, has_levels=False)
 
     def window(self, source: PinchmapSource, _path: str, _level: int, box: Box) -> NDArray:
         """See `fexel.textures.pool.TexelReader`; there is level 0 alone."""
         texels = self._read(source.file)
-        column = _continued(np.arange(box[0] - 1, box[2] + 1), texels.shape[1], source.repeats[0])
-        row = _continued(np.arange(box[1] - 1, box[3] + 1), texels.shape[0], source.repeats[1])
+        column = _continued(np.arange(box[0] - 1, box[2] + 1), texels.shape[1], source.wrap[0])
+        row = _continued(np.arange(box[1] - 1, box[3] + 1), texels.shape[0], source.wrap[1])
         return np.ascontiguousarray(texels[row[:, None], column])
 
 
-def _continued(index: NDArray[np.int64], size: int, repeats: bool) -> NDArray[np.int64]:
-    return index % size if repeats else index.clip(0, size - 1)
+def _continued(index: NDArray[np.int64], size: int, mode: str) -> NDArray[np.int64]:
+    return index % size if mode == "repeat" else index.clip(0, size - 1)
 
 
 def _stored(file: str) -> NDArray:
