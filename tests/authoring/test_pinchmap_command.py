@@ -19,6 +19,7 @@ from fexel.textures.pinchmap_twin import decode_texels, sample_pinchmap
 from fexel.validators import validate_file
 from fexel_tools.cli import app
 from fexel_tools.image_files import write_image
+from fexel_tools.pinchmap import make_pinchmap
 from fexel_tools.pinchmap_folder import make_pinchmaps
 from fexel_tools.pinchmap_options import PinchmapOptions, map_shape, parse_color
 from fexel_tools.pinchmap_stage import TEXTURE_PATH
@@ -242,6 +243,22 @@ def test_places_that_the_map_cannot_express_are_told_with_a_size_that_helps(fold
     assert sum(fault["pixels"] for fault in better["faults"]) < 0.25 * wrong
 
 
+def test_largest_map_of_a_narrow_picture(folder):
+    """As wide as sources may be, so that the image that is fitted is as wide as it can become."""
+    image = np.full((24, 4096, 4), 255, np.uint8)
+    image[:11, :, 3] = 0
+    write_image("narrow.png", image)
+    result = run("narrow.png", "-o", "out.usda", "--size", "2048")
+    assert result.exit_code == 0, result.exception
+    assert result.output.startswith("narrow.png: 2048 x 12, ")
+
+
+def test_progress_goes_forward(folder):
+    steps = []
+    make_pinchmap("drop.svg", "out.usda", PinchmapOptions(size=8), progress=lambda _, done, total: steps.append(done))
+    assert steps == sorted(steps) and len(steps) == len(set(steps)) and steps[-1] == 7
+
+
 def test_colours_that_stay_soft_are_told(folder):
     """An opaque checkerboard with a transparent margin: its outline alone says nothing of the colours inside."""
     y, x = np.indices((96, 96)) // 8
@@ -338,12 +355,14 @@ def test_any_size_of_image(folder, shape):
         (["drop.svg", "-o", "nowhere/out.usda"], "nowhere/out.usda: the folder nowhere does not exist"),
         (["drop.svg", "blob.png", "-o", "out.usda"], "out.usda: 2 files make as many stages, expected a folder"),
         (["drop.svg", "blob.png", "-o", "blob.png"], "blob.png: is a file, expected a folder"),
-        (["drop.svg", "--size", "3"], "--size: 3, expected 4 to 4096 texels, or auto"),
+        (["drop.svg", "--size", "3"], "--size: 3, expected 4 to 2048 texels, or auto"),
+        (["drop.svg", "--size", "4096"], "--size: 4096, expected 4 to 2048 texels, or auto"),
         (["drop.svg", "--size", "big"], "--size: 'big', expected a number of texels, or auto"),
         (["drop.svg", "--size", "auto", "--tolerance", "0"], "--tolerance: 0.0, expected a share"),
         (["drop.svg", "--signalSize", "100"], "--signalSize: 100, expected --size times a power of two: 32, 64"),
         (["drop.svg", "--signalSize", "16"], "--signalSize: 16, expected --size times a power of two"),
         (["drop.svg", "--regions", "some"], "--regions: 'some', expected auto, a number, or an image of labels"),
+        (["drop.svg", "--regions", "\u00b2"], "--regions: '\u00b2', expected auto, a number, or an image of labels"),
         (["drop.svg", "--mask", "nothing.png"], "--mask: nothing.png: no such file"),
         (["blob.png", "--mask", "blob.png", "--regions", "auto"], "--mask: says which side"),
         (["drop.svg", "--bits", "12"], "--bits: 12, expected one of 8, 16, float"),

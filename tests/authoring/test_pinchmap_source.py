@@ -113,10 +113,11 @@ def test_grey_with_alpha_and_single_pixels(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("alpha", "found"), [(0.0, "0 everywhere"), (1.0, "1 everywhere"), ("faint", "between 0 and 0.4")]
+    ("alpha", "found"), [(0.0, "0 everywhere"), (1.0, "1 everywhere"), ("shade", "between 0 and 0.4")]
 )
 def test_alpha_on_one_side_says_what_to_pass(tmp_path, alpha, found):
-    plane = 0.4 * _disc() if alpha == "faint" else np.full((48, 64), alpha, np.float32)
+    ramp = np.linspace(0, 0.4, 64, dtype=np.float32)[None].repeat(48, axis=0)
+    plane = ramp if alpha == "shade" else np.full((48, 64), alpha, np.float32)
     with pytest.raises(FexelError, match=rf"a\.png: alpha is {found}, .* pass --regions auto, or a mask"):
         load_source(_write(tmp_path / "a.png", _rgba(plane)))
 
@@ -239,3 +240,24 @@ def test_shared_cut_outs_and_normal_map_load(shared_data):
     maps = shared_data / "pinch" / "normalmaps"
     source = load_source(maps / "brick_normal_1024.jpg", mask=maps / "brick_mask_1024.jpg", raw=True)
     assert source.is_data and 0.5 < (source.side > 0.5).mean() < 0.95
+
+
+@pytest.mark.parametrize("translucent", [120, 90])
+def test_cut_out_that_is_translucent_as_a_whole_has_its_shape_for_side(tmp_path, translucent):
+    alpha = _disc() * np.float32(translucent / 255)
+    source = load_source(_write(tmp_path / "glass.png", _rgba(alpha)))
+    np.testing.assert_allclose(source.side, _disc(), atol=0.01)
+    np.testing.assert_allclose(source.opacity, alpha, atol=0.003)
+
+
+def test_noise_in_an_opaque_alpha_is_no_cut_out(tmp_path):
+    alpha = np.ones((40, 40), np.float32)
+    alpha[10:12, 10:12] = 250 / 255
+    with pytest.raises(FexelError, match="all pixels are on one side"):
+        load_source(_write(tmp_path / "noise.png", _rgba(alpha)))
+
+
+def test_any_seed_is_taken_where_regions_are_drawn_at_random(tmp_path):
+    flag = _write(tmp_path / "flag.png", _rgba(_disc())[..., :3] * _disc()[..., None])
+    first, second = (load_source(flag, regions="2", seed=seed) for seed in (3_000_000_000, 2**70))
+    assert first.side.shape == second.side.shape == (48, 64)

@@ -194,8 +194,7 @@ def _write(pinchmap: Pinchmap, file: str, out: str | Path, options: PinchmapOpti
         with phases("fallback"):
             texture = stage.GetPrimAtPath(pinchmap_stage.TEXTURE_PATH)
             fallback.write_fallback(texture, staged.textures / "fallback.png", options.fallback_size)
-        with phases("stage"):
-            stage.GetRootLayer().Save()
+            stage.GetRootLayer().Save()  # the fallback adds its network
     return map_bytes + signal.nbytes
 
 

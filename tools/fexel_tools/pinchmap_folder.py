@@ -120,7 +120,7 @@ def _shared_inputs(options: PinchmapOptions) -> list[str]:
 
 
 def _check_contact_sheet(sheet: Path, others: Sequence[str | Path]) -> None:
-    """The sheet that nobody named must not replace what is read, such as the sheet of an earlier run among the files."""
+    """The sheet that nobody named replaces nothing that is read, such as the sheet of an earlier run."""
     for other in others:
         if Path(other).resolve() == sheet.resolve():
             raise FexelError(f"{other}: would be replaced by the contact sheet, expected a --sheet elsewhere")

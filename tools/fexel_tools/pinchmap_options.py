@@ -10,12 +10,13 @@ import numpy as np
 
 from fexel.errors import FexelError
 from fexel.images import srgb_to_linear
+from fexel_tools.pinchmap_source import LONGEST_SIDE_PX, color_count
 from fexel_tools.pinchmap_stage import DRIVEN_INPUTS
 
 __all__ = ["AUTO", "PinchmapOptions", "check_options", "map_shape", "parse_color", "parse_size", "parse_wrap"]
 
 AUTO = "auto"
-_SIZES = (4, 4096)
+_SIZES = (4, LONGEST_SIDE_PX // 2)  # a finer map would hold the source itself; the fit draws it 8 times as large
 _SIGNAL_LARGEST = 16384
 _WRAPS = ("clamp", "repeat", "mirror")
 _BITS = ("8", "16", "float")
@@ -115,7 +116,8 @@ def check_options(options: PinchmapOptions) -> None:
     if not 0.0 < options.tolerance < 1.0:
         raise FexelError(f"--tolerance: {options.tolerance}, expected a share of pixels between 0 and 1")
     _check_signal(options)
-    if options.regions not in ("", AUTO) and not options.regions.isdigit() and not Path(options.regions).is_file():
+    regions = options.regions
+    if regions not in ("", AUTO) and color_count(regions) is None and not Path(regions).is_file():
         raise FexelError(f"--regions: '{options.regions}', expected {AUTO}, a number, or an image of labels")
     if options.mask and not Path(options.mask).is_file():
         raise FexelError(f"--mask: {options.mask}: no such file")

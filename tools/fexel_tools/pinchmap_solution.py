@@ -29,7 +29,7 @@ from fexel_tools.progress import Progress, silent
 
 __all__ = ["Phases", "Pinchmap", "compute_pinchmap"]
 
-_STEPS = ("read", "fit", "signal", "textures", "fallback", "stage", "measure")
+_STEPS = ("read", "fit", "signal", "textures", "stage", "fallback", "measure")
 _FIT_BITS = {"8": 8, "16": 16, "float": 32}
 
 

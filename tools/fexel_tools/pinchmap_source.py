@@ -34,13 +34,14 @@ from fexel_tools.pinchmap_labels import find_labels, stretched_side
 from fexel_tools.pinchmap_regions import RegionSides, label_sides, region_sides
 from fexel_tools.vector_image import is_vector_image, rasterize
 
-__all__ = ["LONGEST_SIDE_PX", "PinchmapSource", "load_source"]
+__all__ = ["LONGEST_SIDE_PX", "PinchmapSource", "color_count", "load_source"]
 
 LONGEST_SIDE_PX = 4096
 _DRAWING_SIDE_PX = 1024  # of an SVG, at least
 _PIXELS_PER_TEXEL = 16  # of an SVG: with anti-aliasing a boundary is known to 1/200 texel, what 8 bits of gamma resolve
 _MOST_COLORS = 64
 _TEXELS = (48, 48)  # of a map whose size is not known
+_LEAST_ALPHA_STEP = 0.125  # of a translucent cut-out; less is the noise of an image without one
 _STRIP_ROWS = 512  # of a large source, reduced at a time
 
 
@@ -94,7 +95,8 @@ def load_source(
         1024 and at most `LONGEST_SIDE_PX` on its longer side; regions too small or too narrow for it are left out.
     regions : str, optional
         ``auto``, or a number of colours: sides from regions of the picture, see `pinchmap_regions`; or an image, as
-        `mask`. Without either, the side is the alpha.
+        `mask`. Without either, the side is the alpha, stretched
+        to 0..1 where its two values are on one half.
     mask : str or Path, optional
         An image of any size that tells the side by its alpha or its first channel, or holds labels of regions, see
         `pinchmap_labels`.
@@ -120,12 +122,23 @@ def load_source(
     color, alpha, bits = _load_drawing(path, size, raw) if is_vector_image(path) else _load_image(path, raw)
     opacity = np.ones(color.shape[:2], np.float32) if alpha is None else alpha
     if mask is None and regions is None:
-        _check_alpha(path, alpha)
-        return PinchmapSource(path, bleed_color(color, opacity), opacity, opacity, raw, bits)
+        side = _side_of_alpha(path, alpha)
+        return PinchmapSource(path, bleed_color(color, opacity), opacity, side, raw, bits)
     color = bleed_color(color, opacity)
     found = _find_sides(path, color, opacity, str(regions or mask), raw, max(size or _TEXELS), seed)
     side = found.side if isinstance(found, RegionSides) else found
     return PinchmapSource(path, color, opacity, side, raw, bits, found if isinstance(found, RegionSides) else None)
+
+
+def color_count(regions: str) -> int | None:
+    """The number of colours that `regions` asks for; None where it is no number.
+
+    Examples
+    --------
+    >>> color_count("3"), color_count("auto"), color_count("\u00b2")
+    (3, None, None)
+    """
+    return int(regions) if regions.isascii() and regions.isdecimal() and len(regions) < 10 else None
 
 
 def _find_sides(
@@ -138,10 +151,10 @@ def _find_sides(
     seed: int,
 ) -> RegionSides | NDArray[np.float32]:
     """From regions of the picture, or from a file."""
-    if regions == "auto" or regions.isdigit():
-        if regions != "auto" and not 2 <= int(regions) <= _MOST_COLORS:
+    colors = color_count(regions)
+    if regions == "auto" or colors is not None:
+        if colors is not None and not 2 <= colors <= _MOST_COLORS:
             raise FexelError(f"{path}: {regions} regions, expected auto, 2 to {_MOST_COLORS} colours, or an image")
-        colors = None if regions == "auto" else int(regions)
         found = region_sides(color, opacity, colors=colors, is_data=raw, texels=texels, seed=seed)
         if not (found.side > 0.5).any():
             raise FexelError(f"{path}: no boundary that is worth a discontinuity was found; pass a mask")
@@ -163,13 +176,16 @@ def _resampled(side: NDArray[np.float32], shape: tuple[int, int]) -> NDArray[np.
     return cv2.resize(side, shape[::-1], interpolation=interpolation)
 
 
-def _check_alpha(path: Path, alpha: NDArray[np.float32] | None) -> None:
+def _side_of_alpha(path: Path, alpha: NDArray[np.float32] | None) -> NDArray[np.float32]:
+    """The alpha; stretched where it is that of a cut-out which is translucent as a whole."""
+    remedy = "pass --regions auto, or a mask"
     if alpha is None:
-        raise FexelError(f"{path}: has no alpha to tell the sides by; pass --regions auto, or a mask")
-    least, most = float(alpha.min()), float(alpha.max())
-    if not least <= 0.5 < most:
-        remedy = "pass --regions auto, or a mask"
-        raise FexelError(f"{path}: alpha is {_span(least, most)}, so that all pixels are on one side; {remedy}")
+        raise FexelError(f"{path}: has no alpha to tell the sides by; {remedy}")
+    side = stretched_side(alpha) if alpha.max() - alpha.min() >= _LEAST_ALPHA_STEP else alpha
+    if not side.min() <= 0.5 < side.max():
+        span = _span(float(alpha.min()), float(alpha.max()))
+        raise FexelError(f"{path}: alpha is {span}, so that all pixels are on one side; {remedy}")
+    return side
 
 
 def _check_sides(path: Path, side: NDArray[np.float32]) -> None:

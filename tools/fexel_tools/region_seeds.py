@@ -89,7 +89,7 @@ def connected_parts(labels: NDArray[np.int32]) -> NDArray[np.int32]:
 
 
 def _k_means(sample: NDArray[np.float32], count: int, seed: int) -> NDArray[np.float32]:
-    cv2.setRNGSeed(seed)
+    cv2.setRNGSeed(seed & 0x7FFFFFFF)  # it takes a signed int
     criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 30, 0.1)
     count = min(count, len(sample))
     return cv2.kmeans(np.ascontiguousarray(sample), count, None, criteria, 3, cv2.KMEANS_PP_CENTERS)[2]
