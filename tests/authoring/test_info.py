@@ -6,7 +6,7 @@ import json
 
 import numpy as np
 import pytest
-from pxr import Gf, Sdf, Usd
+from pxr import Gf, Sdf, Usd, UsdShade
 from typer.testing import CliRunner
 
 import fexel
@@ -105,6 +105,28 @@ def test_pinchmap_is_shown_with_its_map_alone_or_as_a_patch(stage_file):
     assert sign.bytes_on_disk == sum((folder / f).stat().st_size for f in ("root.png", "map.png"))
     output = CliRunner().invoke(app, ["info", str(stage_file)]).output
     assert output.count("./root.png + pinchmap 16 x 8") == 2
+
+
+def test_files_of_children_that_are_no_textures_count_and_missing_ones_are_named(tmp_path):
+    """Umbrellas name their files by their bases and levels; the network of the fallback is not theirs."""
+    write_image(tmp_path / "leaf.png", np.zeros((8, 16, 4), np.uint8))
+    stage = Usd.Stage.CreateNew(str(tmp_path / "tree.usda"))
+    stage.DefinePrim("/Tree", "UmbrellaTexture")
+    for path, kind, name in (
+        ("/Tree/leaf", "UmbrellaPatch", "./leaf.png"),
+        ("/Tree/coarse", "UmbrellaLevel", "./gone.png"),
+    ):
+        stage.DefinePrim(path, kind).GetAttribute("file").Set(name)
+    reader = UsdShade.Shader.Define(stage, "/Tree/Fallback")
+    reader.CreateInput("file", Sdf.ValueTypeNames.Asset).Set("./other.png")
+    nested = fexel.PinchmapTexture.Define(stage, "/Tree/nested")
+    nested.CreateFileAttr("./nested.png")
+    stage.Save()
+    (tree,) = inspect_stage(stage)
+    assert tree.patches[0].others == {"leaf.file": (16, 8), "coarse.file": None}
+    assert tree.patches[0].problem == "coarse.file ./gone.png: missing"
+    assert tree.bytes_on_disk == (tmp_path / "leaf.png").stat().st_size
+    assert tree.bytes_resident == 4 * mip_texels(16, 8)
 
 
 def test_stage_without_texture_says_so_and_a_missing_one_is_an_error(tmp_path):

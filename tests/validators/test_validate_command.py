@@ -9,6 +9,9 @@ import sys
 
 import pytest
 
+import fexel.validators
+from fexel.validators.registration import prim_validators
+
 LINE = re.compile(r"^(error|warning|info): \S+: .+ \([\w:]+\)$")
 
 
@@ -128,3 +131,16 @@ cli.main()
 """
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert (result.returncode, result.stderr) == FAILURES[failure]
+
+
+def test_validators_are_those_that_the_modules_of_the_package_declare(tmp_path, monkeypatch):
+    """A module that was not there before is enough, as for a kind that is added."""
+    before = [validator.name for validator in prim_validators()]
+    assert len(set(before)) == len(before) > 8
+    assert {"fexel:Files", "fexel:Pinchmap", "fexel:UmbrellaArrays"} <= set(before)
+    (tmp_path / "checkerboard.py").write_text(
+        "from fexel.validators.prim_validator import ANY, PrimValidator\n"
+        'VALIDATORS = (PrimValidator("fexel:Checkerboard", "Squares alternate.", ANY, lambda prim: ()),)\n'
+    )
+    monkeypatch.setattr(fexel.validators, "__path__", [*fexel.validators.__path__, str(tmp_path)])
+    assert sorted(validator.name for validator in prim_validators()) == sorted([*before, "fexel:Checkerboard"])

@@ -1,64 +1,66 @@
 """The demonstration: `make demo` and ``python -m fexel_tools.demo``, on what is bundled with the checkout.
 
-First photos to a zipmap and a zoom into it (`demo_zipmap`), then a drawing and a photo to pinchmaps, beside plain
-textures of as many bytes (`demo_pinchmap`).
+A part per kind of texture, in the order of the registry: ``demo_<kind>``, where there is such a module, has ``ABOUT``,
+what it shows in a clause, ``run(options) -> str``, which does it and says where the results are, and, if it has options
+of its own, ``add_options(parser)``. A new kind touches nothing here.
 """
 
 from __future__ import annotations
 
 import argparse
+import importlib
+import importlib.util
 import sys
 import time
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
+from types import ModuleType
 
 from fexel.errors import FexelError
-from fexel_tools import demo_pinchmap, demo_zipmap
+from fexel.textures import kinds
 
-__all__ = ["main"]
+__all__ = ["WIDTH", "main", "parts"]
+
+WIDTH = 320
+
+
+def parts() -> dict[str, ModuleType]:
+    """The demonstration of each kind that has one, in the order of the kinds."""
+    names = {kind: f"fexel_tools.demo_{kind}" for kind in kinds()}
+    return {kind: importlib.import_module(name) for kind, name in names.items() if importlib.util.find_spec(name)}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the demonstration; a line per part on stdout says where the results are."""
-    parser = argparse.ArgumentParser(
-        prog="python -m fexel_tools.demo",
-        description="Photos to a zipmap to a zoom; a drawing and a photo to pinchmaps.",
-    )
+    shown = parts()
+    about = "; ".join(part.ABOUT for part in shown.values())
+    parser = argparse.ArgumentParser(prog="python -m fexel_tools.demo", description=f"{about[:1].upper()}{about[1:]}.")
     parser.add_argument("--output", type=Path, default=Path("out/demo"), help="folder (default: out/demo)")
-    parser.add_argument("--photos", type=Path, nargs="+", metavar="PHOTO", help="default: the bundled ones")
-    frames, width = demo_zipmap.FRAME_COUNT, demo_zipmap.WIDTH
-    parser.add_argument("--frames", type=int, default=frames, help=f"pictures of the zoom (default: {frames})")
-    parser.add_argument("--width", type=int, default=width, help=f"of a picture, pixels (default: {width})")
+    parser.add_argument("--width", type=int, default=WIDTH, help=f"of a picture, pixels (default: {WIDTH})")
+    for part in shown.values():
+        getattr(part, "add_options", _no_options)(parser)
     options = parser.parse_args(arguments)
     try:
         with warnings.catch_warnings():
             warnings.showwarning = _one_line  # restored on leaving
-            _zipmap(options)
-            _pinchmap(options)
+            for kind, part in shown.items():
+                _show(kind, part, options)
     except FexelError as error:
         sys.stderr.write(f"fexel: {error}\n")
         return 1
     return 0
 
 
-def _zipmap(options: argparse.Namespace) -> None:
+def _show(kind: str, part: ModuleType, options: argparse.Namespace) -> None:
     start = time.perf_counter()
-    photos = options.photos or demo_zipmap.bundled_photos()
-    result = demo_zipmap.make_zipmap_demo(photos, options.output, options.frames, options.width)
-    _report("zipmap", f"stage {result.stage}, contact sheet {result.sheet}", start)
-
-
-def _pinchmap(options: argparse.Namespace) -> None:
-    start = time.perf_counter()
-    result = demo_pinchmap.make_pinchmap_demo(demo_pinchmap.bundled_sources(), options.output, options.width)
-    stages = ", ".join(str(stage) for stage in result.stages)
-    _report("pinchmaps", f"stages {stages}, beside plain textures of as many bytes in {result.sheet}", start)
-
-
-def _report(part: str, results: str, start: float) -> None:
-    sys.stdout.write(f"{part}: {results} ({time.perf_counter() - start:.0f} s)\n")
+    results = part.run(options)
+    sys.stdout.write(f"{kind}: {results} ({time.perf_counter() - start:.0f} s)\n")
     sys.stdout.flush()
+
+
+def _no_options(_parser: argparse.ArgumentParser) -> None:
+    pass
 
 
 def _one_line(message: Warning | str, *_place: object, **_options: object) -> None:

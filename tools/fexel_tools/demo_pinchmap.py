@@ -6,6 +6,7 @@ which makes it a plain image, filtered as any.
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,7 +26,9 @@ from fexel_tools.pinchmap_source import load_source
 from fexel_tools.pinchmap_stage import TEXTURE_PATH
 from fexel_tools.texture_files import encode
 
-__all__ = ["MAGNIFICATION", "PinchmapDemo", "bundled_sources", "comparison", "make_pinchmap_demo"]
+__all__ = ["ABOUT", "MAGNIFICATION", "PinchmapDemo", "bundled_sources", "comparison", "make_pinchmap_demo", "run"]
+
+ABOUT = "a drawing and a photo to pinchmaps, beside plain textures of as many bytes"
 
 MAGNIFICATION = 6.0
 """How much larger the close-up shows the surface than the whole."""
@@ -59,6 +62,13 @@ class _Rival:
     file: Path
     size: tuple[int, int]
     nbytes: int
+
+
+def run(options: argparse.Namespace) -> str:
+    """The part of `demo`: `make_pinchmap_demo` of what is bundled; where the results are."""
+    result = make_pinchmap_demo(bundled_sources(), options.output, options.width)
+    stages = ", ".join(str(stage) for stage in result.stages)
+    return f"stages {stages}, beside plain textures of as many bytes in {result.sheet}"
 
 
 def bundled_sources() -> list[Path]:

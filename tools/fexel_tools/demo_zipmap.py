@@ -6,6 +6,7 @@ session layer deactivates the patches (``active = false``).
 
 from __future__ import annotations
 
+import argparse
 import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -22,14 +23,19 @@ from fexel_tools.zipmap import make_zipmap
 from fexel_tools.zipmap_stage import FRAMES, TEXTURE_PATH
 
 __all__ = [
+    "ABOUT",
     "FRAME_COUNT",
     "WIDTH",
     "ZipmapDemo",
     "add_camera",
+    "add_options",
     "bundled_photos",
     "make_zipmap_demo",
     "root_texture_alone",
+    "run",
 ]
+
+ABOUT = "photos to a zipmap to a zoom"
 
 CAMERA = "/World/Cameras/Demo"
 _ZOOM = "/World/Cameras/Zoom"
@@ -54,6 +60,20 @@ class ZipmapDemo:
     stage: Path
     sheet: Path
     frames: dict[str, list[Path]]
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Options of `demo` that are about zipmaps."""
+    parser.add_argument("--photos", type=Path, nargs="+", metavar="PHOTO", help="default: the bundled ones")
+    frames = f"pictures of the zoom (default: {FRAME_COUNT})"
+    parser.add_argument("--frames", type=int, default=FRAME_COUNT, help=frames)
+
+
+def run(options: argparse.Namespace) -> str:
+    """The part of `demo`: `make_zipmap_demo` with its options; where the results are."""
+    photos = options.photos or bundled_photos()
+    result = make_zipmap_demo(photos, options.output, options.frames, options.width)
+    return f"stage {result.stage}, contact sheet {result.sheet}"
 
 
 def bundled_photos() -> list[Path]:

@@ -18,6 +18,7 @@ import fexel
 from fexel import homography
 from fexel.errors import FexelError
 from fexel.images import ImageInfo, image_info
+from fexel.schema.definition import parts_of
 from fexel.schema.wrapper import is_a
 from fexel.schema.zipmap import patches_of
 from fexel.stage import open_stage
@@ -47,7 +48,8 @@ class PatchInfo:
     bytes_on_disk, bytes_resident : int
         Of all its files, whether or not another patch has the same.
     others : dict of str to (int, int) or None
-        Its other files by the input that names them, such as ``mask`` and ``pinchmap``: texels, None when unreadable.
+        Its other files by the input that names them, such as ``mask`` and ``pinchmap``, or by the child that does
+        (``leaf.file``): texels, None when unreadable.
     problem : str
         What is wrong with a file, or ''.
     """
@@ -154,8 +156,8 @@ def _inspect_texture(root: Usd.Prim) -> TextureInfo:
 
 
 def _inspect_patch(patch: fexel.Patch, before: list[PatchInfo], files: dict[str, _File]) -> PatchInfo:
-    authored, file = _file(patch.prim, "inputs:file", files)
-    others = {name: _file(patch.prim, f"inputs:{name}", files) for name in _other_files(patch.prim)}
+    authored, file = _file(patch.prim.GetAttribute("inputs:file"), files)
+    others = {name: _file(attribute, files) for name, attribute in _other_files(patch.prim).items()}
     size = (file.info.width, file.info.height) if file.info else (None, None)
     problems = [f"{name} {path}: {other.problem}" for name, (path, other) in others.items() if other.problem]
     return PatchInfo(
@@ -174,11 +176,19 @@ def _inspect_patch(patch: fexel.Patch, before: list[PatchInfo], files: dict[str,
     )
 
 
-def _other_files(prim: Usd.Prim) -> list[str]:
-    """Inputs besides ``file`` by which a texture names files."""
-    assets = [a.GetBaseName() for a in prim.GetAuthoredAttributes() if a.GetTypeName() == Sdf.ValueTypeNames.Asset]
-    named = [name for name in assets if name != "file"]
-    return [name for name in named if getattr(prim.GetAttribute(f"inputs:{name}").Get(), "path", "")]
+def _other_files(prim: Usd.Prim) -> dict[str, Usd.Attribute]:
+    """Attributes besides ``inputs:file`` by which a texture and its parts name files, by what to call them."""
+    attributes = {a.GetBaseName(): a for a in _assets(prim) if a.GetBaseName() != "file"}
+    for part in parts_of(prim):
+        name = part.GetPath().MakeRelativePath(prim.GetPath())
+        attributes |= {f"{name}.{attribute.GetBaseName()}": attribute for attribute in _assets(part)}
+    return attributes
+
+
+def _assets(prim: Usd.Prim) -> list[Usd.Attribute]:
+    """Authored attributes that name a file."""
+    assets = [a for a in prim.GetAuthoredAttributes() if a.GetTypeName() == Sdf.ValueTypeNames.Asset]
+    return [a for a in assets if getattr(a.Get(), "path", "")]
 
 
 def _gain(patch: fexel.Patch, size: tuple[int | None, int | None], before: list[PatchInfo]) -> float | None:
@@ -194,8 +204,8 @@ def _gain(patch: fexel.Patch, size: tuple[int | None, int | None], before: list[
     return float(np.sqrt(area)) if np.isfinite(area) else None
 
 
-def _file(prim: Usd.Prim, name: str, files: dict[str, _File]) -> tuple[str, _File]:
-    value = prim.GetAttribute(name).Get() if prim.HasAttribute(name) else None
+def _file(attribute: Usd.Attribute, files: dict[str, _File]) -> tuple[str, _File]:
+    value = attribute.Get() if attribute else None
     if value is None or not value.path:
         return "", _File(None, 0, 0, "")
     key = value.resolvedPath or value.path

@@ -19,9 +19,14 @@ from fexel.errors import FexelError
 if TYPE_CHECKING:
     from fexel.textures.kind import KindGpu
 
-__all__ = ["extract_texture", "gpu_half", "kind_number", "texture_kind"]
+__all__ = ["extract_texture", "gpu_half", "kind_number", "kinds", "texture_kind"]
 
 _KINDS = ("zipmap", "pinchmap")
+
+
+def kinds() -> tuple[str, ...]:
+    """Names of all kinds; a kind's number is its place."""
+    return _KINDS
 
 
 def texture_kind(prim: Usd.Prim) -> str | None:

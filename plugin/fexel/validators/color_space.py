@@ -11,12 +11,14 @@ from collections.abc import Iterator
 from pxr import Usd, UsdShade
 
 from fexel.errors import FexelError
+from fexel.schema.definition import data_attributes
 from fexel.schema.wrapper import is_a
 from fexel.schema.zipmap import ZipmapTexture
 from fexel.validators.fault import Fault, authored_values
 from fexel.validators.files import image_header, resolved_files
+from fexel.validators.prim_validator import TEXTURES, PrimValidator
 
-__all__ = ["check_data_files", "check_surface", "encoding"]
+__all__ = ["VALIDATORS", "check_data_files", "check_surface", "encoding"]
 
 _COLOR_INPUTS = ("diffuseColor", "emissiveColor", "specularColor")
 _DATA_INPUTS = (
@@ -29,7 +31,6 @@ _DATA_INPUTS = (
     "opacity",
     "roughness",
 )
-_ALWAYS_RAW = ("inputs:mask", "inputs:pinchmap")
 # Longest chain of node graphs followed from a material's input; guards against connections that form a circle.
 _MAX_HOPS = 64
 
@@ -65,10 +66,9 @@ def _encoding_of_name(name: str) -> str:
 
 
 def check_data_files(prim: Usd.Prim) -> Iterator[Fault]:
-    """Masks and pinchmaps are data whatever they are used for."""
-    for name in _ALWAYS_RAW:
-        attribute = prim.GetAttribute(name)
-        if attribute and attribute.HasColorSpace() and _encoding_of_name(attribute.GetColorSpace()) == "sRGB":
+    """Masks, pinchmaps and what else the schema marks are data whatever they are used for."""
+    for attribute in data_attributes(prim):
+        if attribute.HasColorSpace() and _encoding_of_name(attribute.GetColorSpace()) == "sRGB":
             yield Fault(
                 attribute.GetPath(), f"colorSpace is {attribute.GetColorSpace()}, expected raw: it holds no colours"
             )
@@ -134,3 +134,14 @@ def _is_8_bit_color(file: str) -> bool:
     except FexelError:  # `check_files` says so
         return False
     return info.dtype == "uint8" and info.channels >= 3
+
+
+VALIDATORS = (
+    PrimValidator(
+        "fexel:ColorSpace",
+        "Colours must be read as colours; normals, roughness, opacity and other data must be read raw.",
+        ("UsdShadeShader",),
+        check_surface,
+    ),
+    PrimValidator("fexel:DataColorSpace", "Masks and pinchmaps hold data and must be raw.", TEXTURES, check_data_files),
+)

@@ -12,8 +12,9 @@ from pxr import Usd, UsdShade
 
 from fexel.schema.wrapper import is_a
 from fexel.validators.fault import Fault
+from fexel.validators.prim_validator import TEXTURES, PrimValidator
 
-__all__ = ["check_fallback", "check_fallback_types"]
+__all__ = ["VALIDATORS", "check_fallback", "check_fallback_types"]
 
 _OUTPUTS = ("rgb", "r", "g", "b", "a")
 
@@ -80,3 +81,13 @@ def check_fallback_types(stage: Usd.Stage) -> Iterator[Fault]:
     for name, prim in missing.items():
         message = f"the root layer's fallbackPrimTypes do not name {name}; save after stage.WriteFallbackPrimTypes()"
         yield Fault(prim.GetPath(), message, is_error=False)
+
+
+VALIDATORS = (
+    PrimValidator(
+        "fexel:Fallback",
+        "A texture that a material uses should hold a self-contained UsdUVTexture for other applications.",
+        TEXTURES,
+        check_fallback,
+    ),
+)

@@ -11,17 +11,16 @@ from pxr import Sdf, Usd, UsdShade
 from fexel.errors import FexelError
 from fexel.images import ImageInfo, image_info, read_pixels
 from fexel.packages import local_file
+from fexel.schema.definition import asset_attributes
 from fexel.validators.fault import Fault, authored_values
+from fexel.validators.prim_validator import ANY, PrimValidator
 
-__all__ = ["check_files", "file_version", "image_header", "resolved_files"]
-
-_FILE_ATTRIBUTES = ("inputs:file", "inputs:mask", "inputs:pinchmap", "file")
+__all__ = ["VALIDATORS", "check_files", "file_version", "image_header", "resolved_files"]
 
 
 def check_files(prim: Usd.Prim) -> Iterator[Fault]:
     """Missing, unreadable and truncated images."""
-    for name in _FILE_ATTRIBUTES:
-        attribute = prim.GetAttribute(name)
+    for attribute in asset_attributes(prim):
         for when, asset in authored_values(attribute):
             if not asset.path:
                 continue
@@ -77,3 +76,10 @@ def _read_last_row(path: str, _mtime_ns: int, _size: int) -> None:
     """Whoever can read the last row has the whole file, for formats store rows or tiles in order."""
     info = image_header(path)
     read_pixels(info, 0, (0, info.height - 1, info.width, info.height))
+
+
+VALIDATORS = (
+    PrimValidator(
+        "fexel:Files", "Images that a texture names must exist and be readable to the last row.", ANY, check_files
+    ),
+)

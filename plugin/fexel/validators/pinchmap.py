@@ -13,8 +13,9 @@ from fexel.images import read_pixels
 from fexel.textures.pinchmap_twin import signal_half_texel
 from fexel.validators.fault import Fault
 from fexel.validators.files import file_version, image_header, resolved_files
+from fexel.validators.prim_validator import PrimValidator
 
-__all__ = ["check_pinchmap"]
+__all__ = ["VALIDATORS", "check_pinchmap"]
 
 _CHANNELS = 4
 _UNUSED = {"uint8": 255, "uint16": 65535}  # would be a little over 1, and is read as 1
@@ -102,3 +103,13 @@ def _first_bad_values(file: str, _mtime_ns: int, _size: int) -> tuple[tuple[str,
             row, column, channel = (int(i) for i in np.argwhere(places)[0])
             found.append((problem, (channel, column, row, float(texels[row, column, channel]))))
     return tuple(found)
+
+
+VALIDATORS = (
+    PrimValidator(
+        "fexel:Pinchmap",
+        "A pinchmap must have four finite channels in [-1, 1] and go with the size of its signal.",
+        ("FexelPinchmapTexture",),
+        check_pinchmap,
+    ),
+)

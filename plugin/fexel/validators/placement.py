@@ -15,8 +15,9 @@ from pxr import Usd
 from fexel.homography import UNIT_SQUARE, is_usable
 from fexel.schema.wrapper import is_a
 from fexel.validators.fault import Fault, authored_values
+from fexel.validators.prim_validator import TEXTURES, PrimValidator
 
-__all__ = ["MAX_DEPTH", "check_depth", "check_matrix", "check_parent"]
+__all__ = ["MAX_DEPTH", "VALIDATORS", "check_depth", "check_matrix", "check_parent"]
 
 MAX_DEPTH = 32
 """Deepest nest without a warning; 4x per level would magnify 2^64 times, past what float64 can place."""
@@ -102,3 +103,17 @@ def check_depth(prim: Usd.Prim) -> Iterator[Fault]:
     if depth == MAX_DEPTH + 1:
         message = f"nested {depth} levels deep, expected at most {MAX_DEPTH}: double precision places no deeper patch"
         yield Fault(prim.GetPath(), message, is_error=False)
+
+
+VALIDATORS = (
+    PrimValidator(
+        "fexel:Matrix",
+        "inputs:matrix must be finite and invertible, with w of one sign over the patch.",
+        TEXTURES,
+        check_matrix,
+    ),
+    PrimValidator(
+        "fexel:PatchInsideParent", "A patch should lie inside the unit square of its parent.", TEXTURES, check_parent
+    ),
+    PrimValidator("fexel:NestingDepth", "Nests should be at most 32 levels deep.", TEXTURES, check_depth),
+)

@@ -10,8 +10,9 @@ from pxr import Usd
 from fexel.schema.umbrella import UmbrellaLevel, UmbrellaPatch, UmbrellaTexture
 from fexel.schema.wrapper import is_a
 from fexel.validators.fault import Fault
+from fexel.validators.prim_validator import PrimValidator
 
-__all__ = ["check_umbrella_arrays"]
+__all__ = ["VALIDATORS", "check_umbrella_arrays"]
 
 _MIN_VERTICES = 4  # a centre and a triangle around it
 
@@ -105,3 +106,13 @@ def _check_grid(attribute: Usd.Attribute) -> Iterator[Fault]:
     grid = attribute.Get()
     if grid is not None and min(grid) < 1:
         yield Fault(attribute.GetPath(), f"grid of {grid[0]} x {grid[1]} cells, expected at least 1 x 1")
+
+
+VALIDATORS = (
+    PrimValidator(
+        "fexel:UmbrellaArrays",
+        "Arrays of umbrellas must have matching lengths and existing indices.",
+        ("FexelUmbrellaTexture", "FexelUmbrellaPatch", "FexelUmbrellaLevel"),
+        check_umbrella_arrays,
+    ),
+)

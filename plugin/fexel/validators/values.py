@@ -8,8 +8,9 @@ from typing import Any
 from pxr import Usd
 
 from fexel.validators.fault import Fault, authored_values
+from fexel.validators.prim_validator import ANY, PrimValidator
 
-__all__ = ["check_limits"]
+__all__ = ["VALIDATORS", "check_limits"]
 
 
 def check_limits(prim: Usd.Prim) -> Iterator[Fault]:
@@ -37,3 +38,8 @@ def _range(hard: dict[str, Any]) -> str:
     if high is None:
         return f"at least {low:g}"
     return f"{low:g} to {high:g}" if low is not None else f"at most {high:g}"
+
+
+VALIDATORS = (
+    PrimValidator("fexel:Limits", "Values must lie within the limits and tokens of the schema.", ANY, check_limits),
+)
