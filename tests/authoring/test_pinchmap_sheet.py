@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from fexel.images import image_info, read_pixels
-from fexel_tools.pinchmap import Pinchmap
+from fexel_tools.image_files import write_image
+from fexel_tools.pinchmap import Pinchmap, make_pinchmap
 from fexel_tools.pinchmap_baking import reconstruct
 from fexel_tools.pinchmap_fit import Fault
 from fexel_tools.pinchmap_mask import channels
-from fexel_tools.pinchmap_report import PinchmapItem, describe_faults
+from fexel_tools.pinchmap_options import PinchmapOptions
+from fexel_tools.pinchmap_range import scaled, value_range
+from fexel_tools.pinchmap_report import PinchmapItem, describe_blur, describe_faults
 from fexel_tools.pinchmap_sheet import draw_panels, plain_texture, write_sheet
+from fexel_tools.pinchmap_source import PinchmapSource
 
 
 @pytest.mark.parametrize("has_alpha", [True, False])
@@ -90,7 +96,9 @@ def test_faults_are_listed_worst_first_with_a_size_that_helps():
     assert lines[0] == "a.svg: 2 places where the lines are more than the map can express; --size 48 would help"
     assert lines[1].strip() == "crossing at pixel (60, 40), 30 pixels wrong"
     assert describe_faults("a.svg", [], None) == []
-    assert len(describe_faults("a.svg", faults * 30, None)) < 30
+    many = describe_faults("a.svg", faults * 30, None)
+    assert [line.split(", ")[-1] for line in many[1:-1]] == ["30 pixels wrong"] * 5
+    assert many[-1] == "  ... and 55 more (in --report)"
 
 
 def test_sheets_of_many_files_are_pages_of_squares(pinchmap, tmp_path):
@@ -118,3 +126,52 @@ def test_any_aspect_can_be_drawn(shape):
     entry = PinchmapItem("x.png", 4, 128, 1.0, 0.0, None, None, None, 0.1, "x.usda", (4, 4), (4, 4), shape[::-1])
     for row in (*draw_panels(made, entry, 100).rows, *draw_panels(made, entry, 100, square=True).rows):
         assert len({picture.shape for picture in row.pictures}) == 1
+
+
+def _measured_item(tmp_path, picture, is_data):
+    """Report of a wide picture, its right half on the + side; values are stored as floats."""
+    write_image(tmp_path / "wide.exr", picture.astype(np.float32), "raw")
+    side = np.zeros((*picture.shape[:2], 1), np.uint8)
+    side[:, picture.shape[1] // 2 :] = 255
+    write_image(tmp_path / "side.png", side, "raw")
+    options = PinchmapOptions(size=8, mask=str(tmp_path / "side.png"), drives="normal" if is_data else "")
+    files = {name: tmp_path / f"out.{name}" for name in ("usda", "png")}
+    item = make_pinchmap(str(tmp_path / "wide.exr"), files["usda"], options, sheet=files["png"])
+    return item, read_pixels(image_info(str(files["png"])))
+
+
+@pytest.mark.parametrize("is_data", [False, True])
+def test_values_outside_of_0_to_1_are_compared_and_shown(tmp_path, rng, is_data):
+    """A noise that no map of 8 texels shows lies above 1 or below 0: clipped, all pictures would be equal."""
+    noise = rng.random((64, 96, 3)) * 8
+    picture = -1 - noise if is_data else 1 + noise
+    item, sheet = _measured_item(tmp_path, picture, is_data)
+    assert 5 < item.psnr_db < 25 and 5 < item.plain_psnr_db < 25
+    assert sheet[40:200, :480].std() > 10, "the original is not one colour"
+
+
+def test_signed_normals_count_over_their_whole_range(tmp_path):
+    """x is a ramp from -1 to 1 on either side: errors below 0 count as those above."""
+    x = np.linspace(-1, 1, 96)[None].repeat(64, axis=0)
+    normals = np.dstack([x, 0 * x, np.sqrt(1 - x * x)])
+    item, _ = _measured_item(tmp_path, normals, True)
+    mirrored, _ = _measured_item(tmp_path, normals * [-1, 1, 1], True)
+    assert mirrored.psnr_db == pytest.approx(item.psnr_db, abs=1.0)
+    assert 25 < item.psnr_db < 99
+
+
+def test_the_range_brings_values_to_0_to_1_and_keeps_what_is_transparent():
+    opacity = np.float32([[1, 0.5], [0, 1]])
+    color = np.float32([[[-3] * 3, [1] * 3], [[99] * 3, [5] * 3]])
+    source = PinchmapSource(Path("x"), color, opacity, opacity, True, 32)
+    assert value_range(source) == (-3, 5)
+    picture = scaled(np.dstack([color * opacity[..., None], opacity]), value_range(source))
+    np.testing.assert_allclose(picture[..., 0], [[0, 0.25], [0, 1]], atol=1e-6)
+    assert value_range(replace(source, is_data=False)) == (0, 5)
+    assert value_range(replace(source, color=color * 0)) == (0, 1)
+
+
+def test_nothing_is_advised_where_the_pinchmap_is_exact():
+    item = PinchmapItem("f", 8, 9, 1.0, 0.0, 0.0, 0.0, 100.0, 0.0, "s", (8, 8), (8, 8), (8, 8), plain_psnr_db=100.0)
+    assert describe_blur(item) == ""
+    assert "--regions auto" in describe_blur(replace(item, psnr_db=30.0, plain_psnr_db=29.0))

@@ -21,6 +21,7 @@ from fexel_tools import fallback, pinchmap_stage
 from fexel_tools.pinchmap_advice import suggested_size
 from fexel_tools.pinchmap_measure import measure_shape, psnr_db
 from fexel_tools.pinchmap_options import PinchmapOptions, check_options
+from fexel_tools.pinchmap_range import scaled, value_range
 from fexel_tools.pinchmap_report import PinchmapItem, PinchmapReport
 from fexel_tools.pinchmap_sheet import Panels, draw_panels, plain_texture, premultiplied, seen, write_sheet
 from fexel_tools.pinchmap_solution import Phases, Pinchmap, compute_pinchmap
@@ -221,9 +222,9 @@ def _item(pinchmap: Pinchmap, file: str, out: str | Path, nbytes: int, measured:
     if not measured:
         return item
     shape = measure_shape(pinchmap.texels, source.side, pinchmap.wrap, window=pinchmap.fit.window)
-    truth = premultiplied(source)
+    span = value_range(source)
+    truth = scaled(premultiplied(source), span)
+    result = scaled(pinchmap.picture((height, width)), span)
     plain = seen(plain_texture(truth, nbytes, pinchmap.has_alpha, source.is_data), (width, height))
-    psnr, plain_psnr = (
-        psnr_db(picture, truth, encode=not source.is_data) for picture in (pinchmap.picture((height, width)), plain)
-    )
+    psnr, plain_psnr = (psnr_db(picture, truth, encode=not source.is_data) for picture in (result, plain))
     return replace(item, **shape.as_dict(), psnr_db=psnr, plain_psnr_db=plain_psnr)

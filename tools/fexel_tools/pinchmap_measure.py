@@ -22,8 +22,10 @@ from numpy.typing import NDArray
 
 from fexel.images import linear_to_srgb
 from fexel_tools.pinchmap_contours import boundary_segments, directed_distances
+from fexel_tools.pinchmap_window import FloatWindow
 
 __all__ = [
+    "BEST_PSNR_DB",
     "Boundary",
     "ShapeMeasures",
     "alpha_error",
@@ -38,8 +40,7 @@ __all__ = [
     "side_of_pixels",
 ]
 
-Window = tuple[float, float, float, float]
-_BEST_PSNR_DB = 100.0
+BEST_PSNR_DB = 100.0  # what equal pictures have
 _TABLE_SIZE = 4096
 
 
@@ -79,7 +80,7 @@ def measure_shape(
     side: NDArray[np.floating],
     wrap: tuple[str, str] = ("clamp", "clamp"),
     *,
-    window: Window | None = None,
+    window: FloatWindow | None = None,
 ) -> ShapeMeasures:
     """All figures of shape of a pinchmap against its source.
 
@@ -110,7 +111,7 @@ def boundary_field(
     wrap: tuple[str, str] = ("clamp", "clamp"),
     *,
     samples: int = 1,
-    window: Window | None = None,
+    window: FloatWindow | None = None,
 ) -> NDArray[np.float32]:
     """k^B - gamma^B at the centres of pixels, or of the samples of a regular grid in each.
 
@@ -143,7 +144,7 @@ def side_of_pixels(
     shape: tuple[int, int],
     wrap: tuple[str, str] = ("clamp", "clamp"),
     *,
-    window: Window | None = None,
+    window: FloatWindow | None = None,
 ) -> NDArray[np.bool_]:
     """Whether the centre of every pixel lies on the + side: k^B > gamma^B.
 
@@ -158,7 +159,7 @@ def coverage(
     wrap: tuple[str, str] = ("clamp", "clamp"),
     *,
     samples: int = 4,
-    window: Window | None = None,
+    window: FloatWindow | None = None,
 ) -> NDArray[np.float32]:
     """Share of every pixel that lies on the + side: an ideally anti-aliased edge, from samples x samples points.
 
@@ -175,7 +176,7 @@ def covered_share(
     wrap: tuple[str, str] = ("clamp", "clamp"),
     *,
     samples: int = 4,
-    window: Window | None = None,
+    window: FloatWindow | None = None,
 ) -> NDArray[np.float32]:
     """`coverage` of any channel that lies on the texels of a pinchmap, (Nh, Nw), and is positive on the + side."""
     corners = _evaluated(texels, [np.arange(length + 1) for length in shape], shape, wrap, window)
@@ -240,7 +241,8 @@ def psnr_db(
     ----------
     result, source : (H, W, 4) float
         Linear Rec.709, premultiplied. Where `ground` is None, (H, W, C): compared channel by channel as they are.
-        Clipped to [0, 1] first; NaN counts as 0.
+        Clipped to [0, 1] first, so that pictures of another range (colours above 1, signed data) are to be scaled
+        before, by `pinchmap_range`, which makes the peak their range; NaN counts as 0.
     ground : (3,) float or None
         Linear colour behind the pictures.
     encode : bool
@@ -265,7 +267,7 @@ def psnr_db(
     table = _srgb_of_root() if encode else np.zeros(0, np.float32)
     pictures = (np.ascontiguousarray(picture, np.float32) for picture in (result, source))
     error = _mean_squared_error(*pictures, behind, table)
-    return min(-10 * math.log10(error), _BEST_PSNR_DB) if error > 0 else _BEST_PSNR_DB
+    return min(-10 * math.log10(error), BEST_PSNR_DB) if error > 0 else BEST_PSNR_DB
 
 
 def _level(side: NDArray[np.floating]) -> NDArray[np.float32]:
@@ -273,7 +275,7 @@ def _level(side: NDArray[np.floating]) -> NDArray[np.float32]:
 
 
 def _evaluated(
-    texels: NDArray, lines: Sequence[NDArray], shape: tuple[int, int], wrap: tuple[str, str], window: Window | None
+    texels: NDArray, lines: Sequence[NDArray], shape: tuple[int, int], wrap: tuple[str, str], window: FloatWindow | None
 ) -> NDArray[np.float32]:
     """Bilinear interpolation at the crossings of rows and columns, continuous coordinates of a picture of `shape`."""
     result = np.empty((len(lines[0]), len(lines[1])), np.float32)
@@ -288,7 +290,7 @@ def _lines(
     texels: NDArray,
     shape: tuple[int, int],
     wrap: tuple[str, str],
-    window: Window | None,
+    window: FloatWindow | None,
 ) -> tuple[NDArray, ...]:
     """Texels and weights of rows and columns. Texel [r, c] lies at the lower left corner of cell [r, c]."""
     left, top, right, bottom = window or (0, 0, shape[1], shape[0])

@@ -11,9 +11,10 @@
 levels. `mismatch` is the share of source pixels on the wrong side of the lines, `iou` the intersection over union of
 the side that the source's mask calls inside; `mean_px` and `max_px` are distances between the boundaries of source and
 result, in source pixels; null where just one of them has any. `psnr_db` compares the result, over white, with the
-source, sRGB-encoded (data: as they are); `plain_psnr_db` is that of a plain texture of as many bytes. `seconds` is all
-phases from reading the source to the stage in its place, on the clock; what it takes to measure is the phase
-``measure`` and not part of it. A fault is a place where the lines are more than the map can express; x and y are pixels
+source, sRGB-encoded (data: as they are), against a peak of 1, of the source's largest colour where that is above 1, or
+of the range of its data; `plain_psnr_db` is that of a plain texture of as many bytes. `seconds` is all phases from
+reading the source to the stage in its place, on the clock; what it takes to measure is the phase ``measure`` and not
+part of it. A fault is a place where the lines are more than the map can express; x and y are pixels
 of the source, from its upper left corner.
 """
 
@@ -24,6 +25,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from fexel_tools.pinchmap_fit import Fault
+from fexel_tools.pinchmap_measure import BEST_PSNR_DB
 
 __all__ = ["PinchmapItem", "PinchmapReport", "describe", "describe_blur", "describe_faults"]
 
@@ -109,7 +111,7 @@ def describe(item: PinchmapItem) -> str:
     return f"{item.file}: {width} x {height}, {item.nbytes} bytes, {wrong}{iou}{distance}{psnr}"
 
 
-def describe_faults(file: str, faults: Sequence[Fault], suggested_size: int | None, most: int = 20) -> list[str]:
+def describe_faults(file: str, faults: Sequence[Fault], suggested_size: int | None, most: int = 5) -> list[str]:
     """Lines that say where the map falls short, the worst places first, and which size would help; none without.
 
     At most `most` places are listed.
@@ -125,14 +127,14 @@ def describe_faults(file: str, faults: Sequence[Fault], suggested_size: int | No
         for fault in ordered[:most]
     ]
     left = len(faults) - most
-    return lines + ([f"  and {left} more: see --report"] if left > 0 else [])
+    return lines + ([f"  ... and {left} more (in --report)"] if left > 0 else [])
 
 
 def describe_blur(item: PinchmapItem) -> str:
     """A line for a picture of which a plain texture shows nearly as much, because its edges lie inside; else ''."""
     if item.psnr_db is None or item.plain_psnr_db is None or item.psnr_db > item.plain_psnr_db + _LITTLE_GAIN_DB:
         return ""
-    if item.mismatch > _LINES_FIT:  # then the lines themselves are what falls short
+    if item.mismatch > _LINES_FIT or item.psnr_db >= BEST_PSNR_DB:  # the lines themselves fall short, or nothing does
         return ""
     return (
         f"{item.file}: colours inside the edges are as soft as in a plain texture of equal bytes "

@@ -3,8 +3,9 @@
 Per file: original, result, plain texture, error; the places where the lines are more than the map can express are
 ringed, a colour per reason. A close-up below shows a few texels of the pinchmap, where the lines are busiest.
 
-Pictures are composited over a chequered ground where they are transparent. All are (H, W, 3) uint8, sRGB-encoded, row 0
-at the top.
+Pictures are composited over a chequered ground where they are transparent. Colours above 1, and data, are brought to
+0..1 over the range of the source's values (`pinchmap_range`), for the plain texture, too. All are (H, W, 3)
+uint8, sRGB-encoded, row 0 at the top.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ import numpy as np
 from fexel.images import linear_to_srgb, srgb_to_linear
 from fexel_tools.contact_sheet import SheetRow, contact_sheet, write_png
 from fexel_tools.pinchmap_baking import WHOLE
+from fexel_tools.pinchmap_range import scaled, value_range
 
 if TYPE_CHECKING:
     from fexel_tools.pinchmap_report import PinchmapItem
@@ -44,7 +46,7 @@ _RINGS = {
 _OTHER_RING = (255, 255, 255)
 _CHARACTER_PX = 9.0  # mean width of one, at the size of row labels
 
-Window = tuple[float, float, float, float]  # s0, t0, s1, t1
+_Area = tuple[float, float, float, float]  # s0, t0, s1, t1
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +72,8 @@ def draw_panels(pinchmap: Pinchmap, item: PinchmapItem, longer_px: int, *, squar
     height, width = pinchmap.source.side.shape
     scale = longer_px / max(width, height)
     size = (max(1, round(width * scale)), max(1, round(height * scale)))
-    plain = plain_texture(premultiplied(pinchmap.source), item.nbytes, pinchmap.has_alpha, pinchmap.source.is_data)
+    truth = scaled(premultiplied(pinchmap.source), value_range(pinchmap.source))
+    plain = plain_texture(truth, item.nbytes, pinchmap.has_alpha, pinchmap.source.is_data)
     whole = _marked(_pictures(pinchmap, plain, WHOLE, size), item, size)
     if square:
         return Panels((SheetRow(_headline(item, longer_px), [_squared(picture, longer_px) for picture in whole]),))
@@ -106,7 +109,7 @@ def plain_texture(picture: np.ndarray, nbytes: int, has_alpha: bool, is_data: bo
     Parameters
     ----------
     picture : (H, W, 4) float32
-        Linear (or data), premultiplied.
+        Linear (or data), premultiplied, within 0..1: scaled by `pinchmap_range` where the source's values are not.
     nbytes : int
     has_alpha : bool
         Four channels, else three.
@@ -135,21 +138,21 @@ def premultiplied(source: PinchmapSource) -> np.ndarray:
     return np.dstack([source.color * source.opacity[..., None], source.opacity]).astype(np.float32)
 
 
-def _pictures(pinchmap: Pinchmap, plain: np.ndarray, window: Window, size: tuple[int, int]) -> list[np.ndarray]:
+def _pictures(pinchmap: Pinchmap, plain: np.ndarray, window: _Area, size: tuple[int, int]) -> list[np.ndarray]:
     """Original, result, plain texture and error of a window."""
     width, height = size
-    result = pinchmap.picture((height, width), window)
-    is_data = pinchmap.source.is_data
+    span, is_data = value_range(pinchmap.source), pinchmap.source.is_data
+    result = scaled(pinchmap.picture((height, width), window), span)
+    original = scaled(seen(premultiplied(pinchmap.source), size, window), span)
     original, result, plain = (
-        _displayed(picture, is_data)
-        for picture in (seen(premultiplied(pinchmap.source), size, window), result, seen(plain, size, window))
+        _displayed(picture, is_data) for picture in (original, result, seen(plain, size, window))
     )
     difference = np.abs(result.astype(np.float32) - original).max(axis=2) * _ERROR_GAIN
     heat = cv2.applyColorMap(difference.clip(0, 255).astype(np.uint8), cv2.COLORMAP_INFERNO)
     return [original, result, plain, np.ascontiguousarray(heat[..., ::-1])]
 
 
-def seen(image: np.ndarray, size: tuple[int, int], window: Window = WHOLE) -> np.ndarray:
+def seen(image: np.ndarray, size: tuple[int, int], window: _Area = WHOLE) -> np.ndarray:
     """Resize a window of an image: area averages where it shrinks, bilinear where it grows.
 
     Parameters
@@ -172,14 +175,14 @@ def seen(image: np.ndarray, size: tuple[int, int], window: Window = WHOLE) -> np
 
 
 def _displayed(picture: np.ndarray, is_data: bool) -> np.ndarray:
-    """Over the chequered ground, sRGB-encoded; data as they are."""
+    """Scaled to 0..1: over the chequered ground, sRGB-encoded; data without encoding."""
     y, x = np.indices(picture.shape[:2]) // _CHEQUER_PX
     ground = np.where((x + y) % 2, _CHEQUER[0], _CHEQUER[1])[..., None]
     linear = (picture[..., :3] + (1 - picture[..., 3:]) * ground).clip(0, 1)
     return np.rint((linear if is_data else linear_to_srgb(linear)) * 255).astype(np.uint8)
 
 
-def _shaped(window: tuple[float, ...], size: tuple[int, int], source: tuple[int, int]) -> Window:
+def _shaped(window: tuple[float, ...], size: tuple[int, int], source: tuple[int, int]) -> _Area:
     """The window about the same centre that has the pictures' aspect, moved inside the texture."""
     s, t = 0.5 * (window[0] + window[2]), 0.5 * (window[1] + window[3])
     pixels = max((window[2] - window[0]) * source[0] / size[0], (window[3] - window[1]) * source[1] / size[1])

@@ -11,10 +11,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Window", "choose_window", "cut", "matrix_of", "roomy"]
+__all__ = ["FloatWindow", "Window", "choose_window", "cut", "matrix_of", "roomy"]
 
 Window = tuple[int, int, int, int]
 """Left, top, right and bottom of a map in pixels of its image; may reach beyond it."""
+
+FloatWindow = tuple[float, float, float, float]
+"""A `Window` that need not end at whole pixels."""
 
 _ROOM = 2  # pixels per texel, at least
 _MARGIN = 0.25  # cells left of and below cropped content: the outermost texels must lie outside it

@@ -129,7 +129,7 @@ def _pinchmap(
 
     with progress_bars() as progress:
         item = make_pinchmap(files[0], output, options, report=report, sheet=sheet, progress=progress)
-    _tell(item, options, 20)
+    _tell(item, options, 5)
 
 
 def _many(files, output, options, report, sheet, jobs) -> None:
