@@ -19,6 +19,7 @@ import math
 import os
 import shutil
 import subprocess
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -44,7 +45,7 @@ __all__ = [
 
 _MSDFGEN = "@circuitly/msdfgen@1.1.0"
 _RANGES_TEXELS = (1.5, 2.0, 3.0, 4.0)  # least to greatest distance that 8 bits hold; 1 and 6 are hardly ever better
-_INSTALL_S = 180
+_INSTALL_S, _PROBE_S, _FIELDS_S = 180, 60, 600  # of other programs; what takes longer has failed
 _RIM = 0.6  # texels around what is drawn: half a one, so that the outermost centres lie outside
 SAMPLES = 8  # along either axis of a pixel
 
@@ -150,14 +151,18 @@ def distance_field(shape: Shape, nbytes: int) -> ShapeTexture:
 def multi_channel_fields(shape: Shape, budgets: Sequence[int]) -> list[ShapeTexture]:
     """Multi-channel fields by msdfgen, 3 bytes per texel, each of the range that serves best.
 
-    One for every budget in bytes; [] without msdfgen or outlines.
+    One for every budget in bytes; [] without msdfgen or outlines, and, with a warning, where msdfgen fails.
     """
     module = msdfgen_module()
     if module is None or not shape.polygons:
         return []
     grids = [Grid.over(shape, nbytes, 3) for nbytes in budgets for _ in _RANGES_TEXELS]
     widths = [width for _ in budgets for width in _RANGES_TEXELS]
-    texels = _run_msdfgen(module, shape, grids, widths)
+    try:
+        texels = _run_msdfgen(module, shape, grids, widths)
+    except (subprocess.SubprocessError, OSError) as error:
+        warnings.warn(f"{shape.name}: left out, msdfgen failed: {error}", stacklevel=2)
+        return []
     textures = [
         _thresholded((texel + 0.5) / 256, grid, shape)  # msdfgen rounds down
         for grid, texel in zip(grids, texels, strict=True)
@@ -181,7 +186,8 @@ def _run_msdfgen(module: Path, shape: Shape, grids: list[Grid], widths: list[flo
     polygons = [(polygon * [1, -1]).reshape(-1).tolist() for polygon in shape.polygons]
     request = {"module": str(module), "polygons": polygons, "fields": fields}
     command = ["node", str(Path(__file__).with_name("msdfgen.mjs"))]
-    done = subprocess.run(command, input=json.dumps(request), capture_output=True, text=True, check=True)
+    text = json.dumps(request)
+    done = subprocess.run(command, input=text, capture_output=True, text=True, check=True, timeout=_FIELDS_S)
     return [
         np.frombuffer(base64.b64decode(encoded), np.uint8).reshape(grid.rows, grid.columns, 4)[::-1, :, :3]
         for grid, encoded in zip(grids, json.loads(done.stdout)["fields"], strict=True)
@@ -202,11 +208,18 @@ def msdfgen_module(install: bool = True) -> Path | None:
     if not module.is_dir() and install and shutil.which("npm"):
         home.mkdir(parents=True, exist_ok=True)
         command = ["npm", "install", "--prefix", str(home), "--ignore-scripts", "--no-audit", "--no-fund", _MSDFGEN]
-        subprocess.run(command, capture_output=True, check=False, timeout=_INSTALL_S)
+        _succeeds(command, _INSTALL_S)
     if not module.is_dir():
         return None
-    probe = subprocess.run(["node", "-e", f"require({json.dumps(str(module))})"], capture_output=True, check=False)
-    return module if probe.returncode == 0 else None
+    return module if _succeeds(["node", "-e", f"require({json.dumps(str(module))})"], _PROBE_S) else None
+
+
+def _succeeds(command: list[str], seconds: float) -> bool:
+    """Whether a program can be run, ends in time, and has nothing to complain of."""
+    try:
+        return subprocess.run(command, capture_output=True, check=False, timeout=seconds).returncode == 0
+    except (subprocess.SubprocessError, OSError):
+        return False
 
 
 def _weights(position: np.ndarray, count: int) -> np.ndarray:
@@ -288,9 +301,9 @@ def _median(texels, place, y, x, value):
     k, m = min(j + 1, height - 1), min(i + 1, width - 1)
     v, u = v - j, u - i
     for c in range(channels):
-        top = texels[j, i, c] * (1 - u) + texels[j, m, c] * u
-        bottom = texels[k, i, c] * (1 - u) + texels[k, m, c] * u
-        value[c] = top * (1 - v) + bottom * v
+        first = texels[j, i, c] * (1 - u) + texels[j, m, c] * u
+        second = texels[k, i, c] * (1 - u) + texels[k, m, c] * u
+        value[c] = first * (1 - v) + second * v
     if channels == 1:
         return value[0]
     least, most = min(value[0], value[1]), max(value[0], value[1])

@@ -25,7 +25,6 @@ from bench.distance_field import (
     ShapeTexture,
     bilinear_coverage,
     distance_field,
-    msdfgen_module,
     multi_channel_fields,
 )
 from bench.harness import Curve, Row, progress
@@ -49,7 +48,7 @@ _LABELS = {
 
 @dataclass
 class _Figures:
-    """Alpha error by way and budget, a value per shape, and the shapes' names."""
+    """Alpha error by way and budget, a value per shape, and the shapes' names; ways that lack a shape are left out."""
 
     names: list[str] = field(default_factory=list)
     errors: dict[tuple[str, int], list[float]] = field(default_factory=dict)
@@ -74,6 +73,7 @@ def rows(quick: bool) -> Iterator[Row]:
         figures.names.append(shape.name)
         for (way, nbytes), texture in _textures(shape, budgets).items():
             figures.errors.setdefault((way, nbytes), []).append(alpha_error(texture.coverage, shape.alpha))
+    figures.errors = {key: values for key, values in figures.errors.items() if len(values) == len(figures.names)}
     if figures.names:
         yield from _rows_of(figures)
 
@@ -136,9 +136,14 @@ def _drawn(shape: Shape, levels: np.ndarray, window: Window, bytes_per_texel: fl
 
 def _rows_of(figures: _Figures) -> Iterator[Row]:
     setting = f"{_ASKED} bytes, SVGs at 1024 pixels"
-    msdf, sdf = figures.median("msdf", _ASKED), figures.median("sdf", _ASKED)
-    elsewhere = f"MSDF {1e3 * msdf:.2f}, SDF {1e3 * sdf:.2f}, bilinear {1e3 * figures.median('bilinear', _ASKED):.1f}"
-    asked = (None, None) if msdfgen_module() is None else (1e3 * msdf, "<=")
+    rivals = {"msdf": "MSDF", "sdf": "SDF", "bilinear": "bilinear"}
+    elsewhere = ", ".join(
+        f"{name} {1e3 * figures.median(way, _ASKED):.{1 if way == 'bilinear' else 2}f}"
+        for way, name in rivals.items()
+        if (way, _ASKED) in figures.errors
+    )
+    has_msdf = ("msdf", _ASKED) in figures.errors
+    asked = (1e3 * figures.median("msdf", _ASKED), "<=") if has_msdf else (None, None)
     for way in ("bound", "stored", "level"):
         yield Row(
             "alpha error, median",

@@ -127,3 +127,26 @@ def test_constants_whose_effect_the_authoring_benchmark_plots_are_those_of_the_f
     from fexel_tools import pinchmap_fit
 
     assert all(isinstance(getattr(pinchmap_fit, name), int) for name in authoring.EFFORT)
+
+
+@pytest.mark.parametrize("program", ["missing", "crashes"])
+def test_shape_without_msdfgen_has_no_such_figures_and_no_traceback(tmp_path, monkeypatch, program):
+    """A node that cannot be run, and one that fails."""
+    if program == "crashes":
+        (tmp_path / "node").write_text("#!/bin/sh\nexit 3\n")
+        (tmp_path / "node").chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.setattr(distance_field, "msdfgen_module", lambda: tmp_path)
+    shape = shape_of(disc, 120)
+    with pytest.warns(UserWarning, match="shape: left out, msdfgen failed"):
+        assert distance_field.multi_channel_fields(shape, (1000,)) == []
+
+
+def test_an_installation_that_takes_too_long_is_none(tmp_path, monkeypatch):
+    for name in ("node", "npm"):
+        (tmp_path / name).write_text("#!/bin/sh\nexec sleep 30\n")
+        (tmp_path / name).chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:/usr/bin:/bin")
+    monkeypatch.setenv("FEXEL_MSDFGEN", str(tmp_path / "modules"))
+    monkeypatch.setattr(distance_field, "_INSTALL_S", 0.1)
+    assert distance_field.msdfgen_module.__wrapped__() is None
