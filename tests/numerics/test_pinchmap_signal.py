@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -304,3 +305,52 @@ def test_any_finite_input_gives_a_finite_signal_in_range(data):
     assert np.isfinite(made).all()
     assert made.min() >= -1e-6
     assert made.max() <= 1 + 1e-6
+
+
+def cut_out(rng, size=(320, 320), blur=0.7):
+    """A blob with an antialiased rim, pale where it is half transparent, and the pinchmap of its outline."""
+    mask = blob_mask(rng)
+    pinchmap = pinchmap_of(mask, rng, reach=0.4)
+    inside = rendered(pinchmap, np.ones((8, 8, 4)), size).side
+    opacity = np.clip(np.round(255 * cv2.GaussianBlur(inside, (0, 0), blur)) / 255, 0, 1)
+    color = np.where(opacity[..., None] > 0.99, [0.8, 0.1, 0.05], [1.0, 1.0, 1.0])
+    color[opacity < 0.001] = [0.2, 0.3, 0.4]
+    return pinchmap, mask, source(color, opacity, opacity, is_data=False), inside
+
+
+@pytest.mark.parametrize("level", [0, 1, 2])
+def test_alpha_of_a_cut_out_is_0_or_1_and_nothing_between(rng, level):
+    """Mixed pixels of the rim leave no halo: every texel is exactly one or the other, and so is what is shown."""
+    for _ in range(4):
+        pinchmap, mask, picture, inside = cut_out(rng)
+        made = fill_signal(picture, pinchmap, (8 << level, 8 << level))
+        expected = mask.repeat(1 << level, 0).repeat(1 << level, 1)
+        assert np.array_equal(made[..., 3], expected.astype(np.float32))
+        shown = rendered(pinchmap, made, picture.side.shape).opacity
+        away = cv2.erode((inside == (picture.opacity > 0.5)).astype(np.uint8), np.ones((3, 3))) > 0
+        rim = cv2.morphologyEx(inside, cv2.MORPH_GRADIENT, np.ones((5, 5))) > 0
+        np.testing.assert_allclose(shown[away & ~rim], inside[away & ~rim], atol=1e-5)
+
+
+def test_colour_beyond_the_rim_of_a_cut_out_is_not_that_of_the_rim(rng):
+    """The straight colour of transparent texels continues what lies around, with no pale petals at the outline."""
+    pinchmap, mask, picture, _ = cut_out(rng)
+    made = fill_signal(picture, pinchmap, (8, 8))
+    np.testing.assert_allclose(
+        linear_to_srgb(made[~mask][:, :3]), [linear_to_srgb([0.2, 0.3, 0.4])] * (~mask).sum(), atol=0.03
+    )
+
+
+def test_alpha_that_is_really_between_is_kept_beside_a_cut_out(rng):
+    """Glass of alpha 0.5, and a ramp: least squares as ever, no texel of them is rounded to 0 or 1."""
+    mask = np.zeros((8, 8), bool)
+    mask[:, 4:] = True
+    pinchmap = pinchmap_of(mask, rng, reach=0.1)
+    side = rendered(pinchmap, np.ones((8, 8, 4)), (256, 256)).side
+    ramp = np.linspace(0.3, 0.9, 256)[:, None] * np.ones((1, 256))
+    for opacity in (np.where(side > 0.5, 0.5, 0.0), np.where(side > 0.5, ramp, 0.0), np.where(side > 0.5, 1.0, 0.02)):
+        made = fill_signal(source(np.ones((256, 256, 3)), opacity, side), pinchmap, (8, 8))[..., 3]
+        shown = rendered(pinchmap, np.dstack([np.zeros((8, 8, 3)), made]), (256, 256)).opacity
+        np.testing.assert_allclose(shown, opacity, atol=0.03)
+        if opacity.min() > 0:
+            np.testing.assert_allclose(made[~mask], 0.02, atol=2e-3)

@@ -14,15 +14,18 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-__all__ = ["MOMENTS", "accumulate", "pinch_point", "stencils"]
+__all__ = ["MOMENTS", "accumulate", "alpha_masses", "pinch_point", "stencils"]
 
 MOMENTS = 34  # per fexel: 9 of the weights of colour, 9 of alpha, 4 of each of the three colours, 4 of alpha
 SMALL_DIRECTION = 1e-5  # a decoded byte 127 is not exactly 0 in float32: below this a component of d counts as 0 (P13)
 SMALL_DIVISOR = 1e-6  # keeps divisors positive that tend to 0 together with what they divide
 LOST = 0.5  # k - gamma of a wrong pixel so far from the line that what it belongs to is not on the map: shown blurred
 _LEAST_WEIGHT = 0.01  # of a pixel at the boundary, which may hold a mixture of both sides: used where nothing else is
+_MIXED = 2  # pixels: so far from the boundary of a source one may hold a mixture of both sides
+_PINCHED = 0.95  # strength above which a texel sees its own side alone
 _NONE = -(1 << 30)  # no fexel
 _INVISIBLE = 1e-3  # weight of the colour of a transparent pixel: plausible, but outvoted by any visible one
+_RIM = 0.01  # of that weight: the rim of a cut-out says nothing of what lies beyond it
 
 
 @numba.njit(cache=True, inline="always")
@@ -164,6 +167,19 @@ def _subtract_shown(texels, place_u, place_v, wraps, table, values):
     values[3] = 0.0
 
 
+@numba.njit(cache=True, inline="always")
+def _is_mixed(side, y, x, wraps):
+    """Whether a pixel lies so near the boundary of the source that its alpha may be that of a mixture."""
+    height, width = side.shape
+    here = side[y, x] > 0.5
+    for dy in range(-_MIXED, _MIXED + 1):
+        row = _texel(y + dy, height, wraps[1])
+        for dx in range(-_MIXED, _MIXED + 1):
+            if (side[row, _texel(x + dx, width, wraps[0])] > 0.5) != here:
+                return True
+    return False
+
+
 @numba.njit(cache=True, nogil=True)
 def accumulate(color, opacity, side, pinchmap, signal_shape, wraps, table, texels, every, moments):
     """Sum the moments of all pixels, and return the range and squares of what they show.
@@ -208,7 +224,7 @@ def accumulate(color, opacity, side, pinchmap, signal_shape, wraps, table, texel
         for x in range(width):
             u = (x + 0.5) / width * map_columns
             i = min(int(u), map_columns - 1)
-            du, dv, weight = 0.0, 0.0, 1.0
+            du, dv, strength, weight = 0.0, 0.0, 0.0, 1.0
             if moving[j, i]:
                 du, dv, strength, edge = _pinched(pinchmap, j, i, u - i, v - j, 0.5 / finer)
                 weight = _weight(side, y, x, wraps, strength, edge)
@@ -216,6 +232,8 @@ def accumulate(color, opacity, side, pinchmap, signal_shape, wraps, table, texel
                 continue
             place_u, place_v = (u + du) * finer - 0.5, (v + dv) * finer - 0.5
             visible = weight * (_INVISIBLE + values[3])
+            if strength > _PINCHED and values[3] < 0.5 and _is_mixed(side, y, x, wraps):
+                visible = weight * _INVISIBLE * _RIM
             if texels.size > 0:
                 _subtract_shown(texels, place_u, place_v, wraps, table, values)
             for c in range(4):
@@ -354,3 +372,57 @@ def stencils(moments, wrap_s, wrap_t):
                                     along[kind, 0], along[kind, 1], along[kind, 2], py, qy
                                 )
     return matrix, right
+
+
+@numba.njit(cache=True, nogil=True)
+def alpha_masses(opacity, side, pinchmap, signal_shape, wraps, step):
+    """How much of what every texel shows of its own side is nearly transparent, and how much nearly opaque.
+
+    Where the texture is pinched, pixels that may be mixtures of both sides are left out, as are those of the other
+    side (unless what they belong to is not on the map).
+
+    Parameters
+    ----------
+    opacity, side, pinchmap, signal_shape, wraps
+        As of :func:`accumulate`.
+    step : float
+        Alpha at most `step` is nearly transparent, at least 1 - `step` nearly opaque.
+
+    Returns
+    -------
+    (Sh, Sw, 3) float64
+        Row 0 lowest: sums of bilinear weights of all pixels, of nearly transparent and of nearly opaque ones.
+    """
+    height, width = side.shape
+    map_rows, map_columns = pinchmap.shape[0] - 1, pinchmap.shape[1] - 1
+    finer = signal_shape[1] / map_columns
+    moving = _moving(pinchmap)
+    masses = np.zeros((signal_shape[0], signal_shape[1], 3))
+    for y in range(height):
+        v = (1.0 - (y + 0.5) / height) * map_rows
+        j = min(int(v), map_rows - 1)
+        for x in range(width):
+            alpha = opacity[y, x]
+            if not np.isfinite(alpha):
+                continue
+            u = (x + 0.5) / width * map_columns
+            i = min(int(u), map_columns - 1)
+            du, dv = 0.0, 0.0
+            if moving[j, i]:
+                du, dv, strength, edge = _pinched(pinchmap, j, i, u - i, v - j, 0.5 / finer)
+                wrong = (side[y, x] > 0.5) != (edge > 0.0)
+                own = not wrong and not _is_mixed(side, y, x, wraps)
+                if strength > _PINCHED and not own and not (wrong and abs(edge) > LOST):
+                    continue
+            place_u, place_v = (u + du) * finer - 0.5, (v + dv) * finer - 0.5
+            b, a = int(np.floor(place_v)), int(np.floor(place_u))
+            f, g = place_u - a, place_v - b
+            for p in range(2):
+                row = _texel(b + p, signal_shape[0], wraps[1])
+                for q in range(2):
+                    column = _texel(a + q, signal_shape[1], wraps[0])
+                    weight = (g if p else 1.0 - g) * (f if q else 1.0 - f)
+                    masses[row, column, 0] += weight
+                    masses[row, column, 1] += weight if alpha <= step else 0.0
+                    masses[row, column, 2] += weight if alpha >= 1.0 - step else 0.0
+    return masses

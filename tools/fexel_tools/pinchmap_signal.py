@@ -15,6 +15,9 @@ or squeezed under few is treated alike, and the bilinear interpolation's own blu
   Newton makes up for the difference (0.2 to 0.4 dB on pictures with colour edges within a side).
 - *Texels that no pixel reaches* continue their neighbours of the same side (a membrane, far weaker than any pixel).
 - *No ringing beyond the picture*: the least squares are bounded by the least and the largest value of the source.
+- *Nor within it, of alpha*: where all that a texel sees of its own side is transparent, or all is opaque, to a step of
+  8 bits, its alpha is exactly 0 or 1, and the others are solved around it. Otherwise mixed pixels at the line leave a
+  halo of a few steps around a cut-out.
 """
 
 from __future__ import annotations
@@ -27,7 +30,7 @@ from numpy.typing import NDArray
 
 from fexel.errors import FexelError
 from fexel.images import linear_to_srgb, srgb_to_linear
-from fexel_tools.pinchmap_equations import MOMENTS, accumulate, stencils
+from fexel_tools.pinchmap_equations import MOMENTS, accumulate, alpha_masses, stencils
 from fexel_tools.pinchmap_solver import conjugate_gradients, projected_sweeps, squared_error
 
 if TYPE_CHECKING:
@@ -45,6 +48,8 @@ _UNEVEN = (
     1 / 510
 )  # root mean square error, encoded, below which a picture is as good as reproduced: half a step of 8 bits
 _ROWS_FOR_CORRECTION = 4  # of pixels, in a texel: so many show what is lacking
+_ALPHA_STEP = 1 / 255 + 1e-6  # 1e-6: alpha is float32
+_STRAY = 0.005  # of a texel's weights: so many may come from elsewhere, for pixels at the line touch both sides' texels
 _LEAST_ALPHA = 1e-3  # of a texel whose colour is compared: keeps premultiplied colours apart where nothing is seen
 _TABLE = linear_to_srgb(np.linspace(0, 1, 4097) ** 2)
 _NO_TABLE = np.zeros(0, np.float32)
@@ -87,7 +92,8 @@ def fill_signal(
     bounds, squares, matrix, right = view.equations()
     weight = matrix[0].sum()
     _add_membrane(matrix, right, view)
-    signal = np.stack([_solved(matrix[int(c == 3)], right[..., c], bounds[:, c]) for c in range(4)], axis=-1)
+    channels = [_solved(matrix[0], right[..., c], bounds[:, c]) for c in range(3)]
+    signal = np.stack([*channels, _solved_alpha(matrix[1], right[..., 3], bounds[:, 3], view)], axis=-1)
     error = sum(squares[c] + squared_error(matrix[0], _plane(right, c), _plane(signal, c)) for c in range(3))
     if not source.is_data and error > 3 * _UNEVEN**2 * weight:
         _correct(signal, bounds, view)
@@ -104,6 +110,20 @@ class _View:
     pinchmap: NDArray[np.float64]
     signal_shape: tuple[int, int]
     wraps: tuple[bool, bool]
+
+    def settled_alpha(self) -> NDArray[np.float64]:
+        """(Sh, Sw): 0 or 1 where a texel's alpha is that and nothing else, NaN elsewhere; rows upwards."""
+        masses = alpha_masses(
+            np.ascontiguousarray(self.source.opacity, np.float32),
+            np.ascontiguousarray(self.source.side, np.float32),
+            _padded(self.pinchmap[::-1], self.wraps),
+            self.signal_shape,
+            self.wraps,
+            _ALPHA_STEP,
+        )
+        seen, clear, opaque = np.moveaxis(masses, -1, 0)
+        least = (1.0 - _STRAY) * np.where(seen > 0.0, seen, np.inf)
+        return np.where(clear >= least, 0.0, np.where(opaque >= least, 1.0, np.nan))
 
     def equations(self, texels: NDArray[np.float64] = _NO_TEXELS, every: int = 1):
         """Bounds (2, 4), weighted squares (4,), normal matrix (2, Sh, Sw, 9) and right side; rows upwards.
@@ -231,6 +251,25 @@ def _cell_strength(pinchmap, wraps) -> NDArray[np.float64]:
 
 def _plane(planes: NDArray[np.float64], channel: int) -> NDArray[np.float64]:
     return np.ascontiguousarray(planes[..., channel])
+
+
+def _solved_alpha(matrix, right, bounds, view: _View) -> NDArray[np.float64]:
+    """(Sh, Sw) texels of alpha: the settled ones as they are, the others as the least squares around those."""
+    if bounds[0] == bounds[1]:
+        return _solved(matrix, right, bounds)
+    settled = np.clip(view.settled_alpha(), *bounds)
+    fixed = np.isfinite(settled)
+    value = np.where(fixed, settled, 0.0)
+    matrix, right = matrix.copy(), right.copy()
+    for entry in range(9):
+        step = (1 - entry // 3, 1 - entry % 3)  # rolls the neighbour to where the entry is
+        right -= matrix[..., entry] * np.roll(value, step, (0, 1))
+        if entry != 4:
+            matrix[..., entry] *= ~(fixed | np.roll(fixed, step, (0, 1)))
+    right[fixed] = (matrix[..., 4] * value)[fixed]
+    texels = _solved(matrix, right, bounds)
+    texels[fixed] = settled[fixed]
+    return texels
 
 
 def _solved(matrix, right, bounds, tolerance: float = _TOLERANCE) -> NDArray[np.float64]:
