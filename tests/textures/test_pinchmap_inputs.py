@@ -15,12 +15,16 @@ from bench.pinchmap_texture import (
     two_sides,
 )
 from bench.zipmap_stage import Patch, front_view, quad, render_texture, save, vertex_array, zipmap_stage, zipmap_texture
-from fexel import mipmaps
+from fexel import images, mipmaps
 from fexel.errors import FexelWarning
 from fexel.renderer.program import ProgramCache
 from fexel.renderer.visible import visible_surface
-from fexel.textures import extract_texture
-from fexel.textures.pinchmap_twin import encode_texels, picture_levels
+from fexel.textures import extract_texture, pinchmap_twin
+from fexel.textures.kept_texels import KeptTexels
+from fexel.textures.page_format import SNORM
+from fexel.textures.pinchmap_lattice import Lattice
+from fexel.textures.pinchmap_texels import PinchmapTexels
+from fexel.textures.pinchmap_twin import cell_samples, encode_texels, picture_levels
 from fexel.textures.system import TextureRequest, TextureSystem
 from fexel_tools.pinchmap_mask import channels
 
@@ -211,7 +215,7 @@ def test_stats_tell_what_is_loaded(gl, files):
     render_texture(gl, texture, quad(), front_view((0, 0), (1, 1), 4, 3), system)
     far = system.stats()
     assert far["levels_resident"] > 2
-    assert far["images_resident"] == 3  # the picture's coarse levels
+    assert far["images_resident"] == 4  # the picture's coarse levels, and what displaces nothing
     assert far["texture_bytes"] >= near["texture_bytes"] > 0
     system.release()
 
@@ -223,6 +227,61 @@ def test_coarse_levels_of_the_picture_do_not_need_the_finest_of_the_signal(rng):
     whole, part = (picture_levels(pinchmap, levels[first:], line_width=0.1) for first in (0, 2))
     for one, other in zip(whole[5:], part[3:], strict=True):
         assert np.abs(one - other).max() < 1e-6
+
+
+def test_picture_of_many_cells_is_averaged_from_fewer_samples(rng, monkeypatch):
+    pinchmap, mask = random_pinchmap(rng, (24, 24))
+    levels = mipmaps.pyramid(two_sides(rng, mask, 0) / 255)
+    fine = picture_levels(pinchmap, levels)[1:]
+    cells = Lattice(pinchmap, ("clamp", "clamp")).active_cells().sum()
+    for samples, tolerance in ((4, 0.02), (2, 0.06)):
+        monkeypatch.setattr(pinchmap_twin, "_MOST_SAMPLES", samples * samples * cells)
+        assert cell_samples(pinchmap, ("clamp", "clamp")) == samples
+        coarse = picture_levels(pinchmap, levels)[1:]
+        error = np.sqrt(((coarse[0] - fine[0])[..., :3] ** 2).mean())
+        assert 0 < error < tolerance
+        assert np.abs(coarse[-1] - fine[-1]).max() < tolerance
+
+
+def test_pinchmap_seen_so_small_that_nothing_is_displaced_is_not_loaded(gl, tmp_path, rng):
+    pinchmap, mask = random_pinchmap(rng, (256, 256))
+    files = (
+        save_texels(tmp_path / "signal.png", two_sides(rng, mask, 1)),
+        save_texels(tmp_path / "pinchmap.png", encode_texels(pinchmap)),
+    )
+    texture = zipmap_texture(pinchmap_stage(*files, wrapS="clamp", wrapT="clamp", lineWidth=0.5), "/Pinchmap")
+    pages = {}
+    for pixels in (60, 100, 120, 150):
+        system = TextureSystem(gl)
+        render_texture(gl, texture, quad(), front_view((0, 0), (1, 1), pixels, pixels), system)
+        pages[pixels] = system.pool.atlases[SNORM].nbytes
+        system.release()
+    assert pages[60] == pages[100] < 4 * 256 * 256
+    assert pages[120] == pages[150] >= 4 * 256 * 256  # a little is displaced
+
+
+def test_pinchmap_whose_line_width_changes_keeps_no_picture_per_frame(gl, files):
+    system = TextureSystem(gl)
+    system.pool._kept._most = limit = 20000
+    for width in np.linspace(0.1, 1.0, 40):
+        texture = zipmap_texture(pinchmap_stage(*files, lineWidth=float(width)), "/Pinchmap")
+        render_texture(gl, texture, quad(), front_view((0, 0), (1, 1), 4, 3), system)
+    assert system.pool._kept.nbytes <= limit
+    system.release()
+
+
+def test_pinchmap_file_that_is_gone_when_it_is_read_again_is_said(files):
+    reader = PinchmapTexels()
+    source = reader.source(files[1], "/Pinchmap", images.image_info(files[0]), ("clamp", "clamp"))
+    before = reader.window(source, "/Pinchmap", 0, (0, 0, 16, 12))
+    reader._kept = KeptTexels()
+    assert np.array_equal(reader.window(source, "/Pinchmap", 0, (0, 0, 16, 12)), before)
+    reader._kept = KeptTexels()
+    save_texels(files[1], np.full((3, 4, 4), 127, np.uint8))
+    with pytest.warns(FexelWarning, match="has changed since it was first read; the plain image is shown"):
+        plain = reader.window(source, "/Pinchmap", 0, (0, 0, 16, 12))
+    assert plain.shape == before.shape
+    assert not plain[..., :2].any()
 
 
 def test_pinchmap_is_never_dropped_for_want_of_memory(gl, tmp_path, rng):

@@ -136,7 +136,7 @@ def test_pinchmap_seam_equals_the_twin(gl, tmp_path, rng, wrap, zoom):
 
 @pytest.mark.parametrize("wrap", ["clamp", "repeat", "mirror"])
 @pytest.mark.parametrize(
-    "low, high", [((1, 1), (2, 2)), ((-1, -1), (0, 0)), ((1.1, 0.1), (1.6, 0.7)), ((3.2, -2.3), (3.7, -2.1))]
+    ("low", "high"), [((1, 1), (2, 2)), ((-1, -1), (0, 0)), ((1.1, 0.1), (1.6, 0.7)), ((3.2, -2.3), (3.7, -2.1))]
 )
 def test_pinchmap_seen_only_beyond_its_unit_square_equals_the_twin(gl, tmp_path, rng, wrap, low, high):
     made = Made(rng, tmp_path, wrap=(wrap, wrap))

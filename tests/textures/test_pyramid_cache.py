@@ -7,6 +7,7 @@ import pytest
 from fexel import images, mipmaps
 from fexel.errors import FexelWarning
 from fexel.textures import pyramid_cache
+from fexel.textures.kept_texels import KeptTexels
 from fexel.textures.pyramid_cache import HALF, PyramidCache
 from fexel.textures.zipmap import ImageSource
 
@@ -97,9 +98,39 @@ def test_pyramid_keeps_level_zero_only_once_it_is_asked_for(tmp_path, rng):
     file = write(tmp_path / "a.png", rng.integers(0, 255, (64, 64, 3), np.uint8))
     cache, source = PyramidCache(), ImageSource(file, wrap=("clamp", "clamp"))
     stored(cache, source, 2)
-    assert cache._pyramids[source][0] is None
+    assert cache._kept.get(source)[0] is None
     stored(cache, source, 0)
-    assert cache._pyramids[source][0].shape == (64, 64, 4)
+    assert cache._kept.get(source)[0].shape == (64, 64, 4)
+
+
+def test_kept_texels_stay_within_the_limit_whoever_keeps_them(tmp_path, rng):
+    kept = KeptTexels(3 * 64 * 64 * 4)
+    cache = PyramidCache(kept)
+    sources = [
+        ImageSource(write(tmp_path / f"{n}.png", rng.integers(0, 255, (64, 64, 3), np.uint8)), wrap=("clamp", "clamp"))
+        for n in range(4)
+    ]
+    first = stored(cache, sources[0], 0)
+    for source in sources[1:]:
+        stored(cache, source, 0)
+        assert source in kept
+        assert kept.nbytes <= 3 * 64 * 64 * 4
+    assert sources[0] not in kept
+    assert np.array_equal(stored(cache, sources[0], 0), first)
+    kept.keep("large", np.zeros(1), 10**9)
+    assert "large" in kept
+    assert kept.nbytes == 10**9
+
+
+def test_kept_texels_that_are_used_stay():
+    kept = KeptTexels(3)
+    for key in "abc":
+        kept.keep(key, key, 1)
+    assert kept.get("a") == "a"
+    kept.keep("d", "d", 1)
+    assert [key in kept for key in "abcd"] == [True, False, True, True]
+    kept.keep("a", "A", 3)
+    assert (kept.get("a"), kept.get("d"), kept.nbytes) == ("A", None, 3)
 
 
 @pytest.mark.parametrize(

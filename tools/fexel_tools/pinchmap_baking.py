@@ -197,7 +197,7 @@ class _PinchmapBaker:
             facts, found = self._cache.facts(source, self._path), CONSTANT
         stored = self._cache.window(source, self._path, 0, (0, 0, *facts.size))[1:-1, 1:-1]
         signal = linear_texels(stored, facts.page_class).astype(np.float64)
-        pinchmap = self._pinchmaps.texels(found)
+        pinchmap = self._pinchmaps.texels(found, self._path)
         if found is CONSTANT:
             pinchmap = np.broadcast_to(pinchmap[0, 0], signal.shape)
         return _Drawing(pinchmap, signal, (s, t), self._data.line_width, line_color, np.array(self._data.st_to_texture))

@@ -48,7 +48,7 @@ class PinchmapConstants:
         Texels of that page.
     page_classes : (int, int)
         Of pinchmap and signal.
-    has_edges : bool
+    is_pinched : bool
         False where the pinchmap is one texel that stands for all.
     nested : bool
     """
@@ -66,7 +66,7 @@ class PinchmapConstants:
     texel_zero: NDArray[np.float64]
     page_size: NDArray[np.float64]
     page_classes: tuple[int, int]
-    has_edges: bool
+    is_pinched: bool
     nested: bool
 
 
@@ -150,7 +150,7 @@ def pinchmap_slot(
 def _varyings(constants: PinchmapConstants) -> NDArray[np.float64]:
     """Of shaders/pinchmap_fast.glsl, (5, 4)."""
     matrix = constants.matrix / constants.matrix[2, 2]
-    step = 1.0 if constants.has_edges else 0.0
+    step = 1.0 if constants.is_pinched else 0.0
     scale = step * np.array([1, -1]) / constants.page_size
     return np.array(
         [
@@ -183,7 +183,7 @@ def _record(constants: PinchmapConstants, codes: int) -> NDArray[np.float64]:
             [*size, *_folded(base, size, codes)],
             [*constants.texel_zero, codes, levels],
             constants.line_color,
-            [constants.octaves, 1.0 if constants.has_edges else 0.0, 0.0, 0.0],
+            [constants.octaves, 1.0 if constants.is_pinched else 0.0, 0.0, 0.0],
         ]
     )
     return np.concatenate([header, constants.places])

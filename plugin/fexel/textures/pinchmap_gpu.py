@@ -31,6 +31,8 @@ _REACH = 1.5
 # Log2 of the pixels that a texel may be wide before it is interpolated in full precision: filters of hardware have
 # weights of 8 bits.
 _DEEP = 7
+# Log2 of the texels that a pixel is wide where nothing is displaced any more: `pinchmap_segment.FADE_END`.
+_FADED = 1.0
 # Far below a texel; a surface whose st end at 0 and 1 may exceed them by rounding.
 _ROUNDING = 1e-5
 
@@ -39,7 +41,8 @@ _ROUNDING = 1e-5
 class _Images:
     """Numbers in the pool, and how they go together.
 
-    `size` is that of the pinchmap, `octaves` K: the signal is 2^K as fine. `has_edges`: there is a pinchmap.
+    `size` is that of the pinchmap, `octaves` K: the signal is 2^K as fine. `has_edges`: there is a pinchmap, whose
+    picture has the coarse levels. `is_pinched`: it is also read; where not, `pinchmap` displaces nothing.
     """
 
     pinchmap: int
@@ -48,6 +51,7 @@ class _Images:
     size: NDArray[np.int64]
     octaves: int
     has_edges: bool
+    is_pinched: bool
 
     def level(self, level: int) -> tuple[int, int]:
         """Image that has a mip level of the texture, and which of its own it is."""
@@ -88,7 +92,7 @@ class _PinchmapPlan:
             size=images.size,
             h=min(0.5 * 2.0 ** (finest - images.octaves), 0.5),
             antialias=data.antialias,
-            line_width=data.line_width if images.has_edges else 0.0,
+            line_width=data.line_width if images.is_pinched else 0.0,
             line_color=(*(alpha * value for value in data.line_color[:3]), alpha),
             octaves=images.octaves,
             finest=finest,
@@ -96,7 +100,7 @@ class _PinchmapPlan:
             texel_zero=self._texel_zero(pool),
             page_size=np.array(pool.atlases[pool.page_class[images.pinchmap]].size, np.float64),
             page_classes=(int(pool.page_class[images.pinchmap]), int(pool.page_class[images.signal])),
-            has_edges=images.has_edges,
+            is_pinched=images.is_pinched,
             nested=self.sight.nested,
         )
         # What is displaced, and samples just beside a triangle, may reach across the border.
@@ -156,6 +160,10 @@ def plan(data: PinchmapData, sight: Sight, pool: TexturePool) -> _PinchmapPlan:
     last = min(facts.last_level, MAX_LEVELS - 1)
     finest = int(np.floor(seen.lod_low[0]).clip(0, last))
     coarsest = int((np.floor(seen.lod_high[0]) + 1).clip(0, last))
+    if seen.lod_low[0] - images.octaves >= _FADED:
+        images = replace(
+            images, pinchmap=pool.image(CONSTANT, sight.path, pool.reader(PinchmapTexels)), is_pinched=False
+        )
     reach = _REACH / images.size
     uv = seen.low - reach, seen.high + reach
     for level in range(finest, coarsest + 1):
@@ -190,12 +198,13 @@ def _images(data: PinchmapData, path: str, pool: TexturePool) -> _Images:
     pinchmap = pool.image(source, path, reader)
     signal_size = np.array(pool.facts(number).size)
     if source is CONSTANT:
-        return _Images(pinchmap, number, number, signal_size, 0, has_edges=False)
+        return _Images(pinchmap, number, number, signal_size, 0, has_edges=False, is_pinched=False)
     size = np.array(pool.facts(pinchmap).size)
     octaves = int(signal_size[0] // size[0]).bit_length() - 1
     pictures = pool.reader(PictureLevels, cache, reader)
     picture = PictureSource(signal, source, data.line_width, data.line_color if data.line_width else (0.0,) * 4)
-    return _Images(pinchmap, number, pool.image(picture, path, pictures), size, octaves, has_edges=True)
+    coarse = pool.image(picture, path, pictures)
+    return _Images(pinchmap, number, coarse, size, octaves, has_edges=True, is_pinched=True)
 
 
 def _upright(place: NDArray[np.float64], pool: TexturePool, image: int, size: NDArray[np.int64]) -> NDArray[np.float64]:

@@ -6,6 +6,7 @@ Images are (H, W, C), row 0 at the top; s runs right, t runs up; M points, taken
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,6 +47,15 @@ class Lattice:
         active[:-1, :-1] = moved[:-1, :-1] | moved[:-1, 1:] | moved[1:, :-1] | moved[1:, 1:]
         self._active = active.reshape(-1)
 
+    @cached_property
+    def _edge(self) -> NDArray[np.float64]:
+        return self._texels[:, 2] - self._texels[:, 3]
+
+    @property
+    def size(self) -> NDArray[np.float64]:
+        """(2,), width and height in texels."""
+        return self._size
+
     def locate(self, st: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArray[np.float64], NDArray[np.float64]]:
         """Cells (M,), fractions (M, 2), and d(wrapped)/d(st), (M, 2): 1, -1 where mirrored, 0 where clamped."""
         position = np.empty_like(st)
@@ -84,7 +94,7 @@ class Lattice:
 
     def edge_slope(self, cell: NDArray[np.intp], fraction: NDArray[np.float64]) -> NDArray[np.float64]:
         """d(k - gamma)/d(position), (M, 2), per texel."""
-        edge = self._texels[:, 2] - self._texels[:, 3]
+        edge = self._edge
         across = edge[cell + 1] - edge[cell]
         twist = edge[cell + self._stride + 1] - edge[cell + self._stride] - across
         up = edge[cell + self._stride] - edge[cell]

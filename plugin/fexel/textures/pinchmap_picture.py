@@ -8,22 +8,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
 from numpy.typing import NDArray
 
 from fexel import mipmaps
 from fexel.textures.atlas import Box
 from fexel.textures.image_source import ImageSource
+from fexel.textures.kept_texels import KeptTexels
 from fexel.textures.page_texels import bordered, decode_page, encode_page, inner_box
 from fexel.textures.pinchmap_texels import PinchmapSource, PinchmapTexels
-from fexel.textures.pinchmap_twin import picture_levels
+from fexel.textures.pinchmap_twin import cell_samples, picture_levels
 from fexel.textures.pyramid_cache import ImageFacts, PyramidCache
 
 __all__ = ["PictureLevels", "PictureSource"]
-
-# `picture_levels` samples a cell 8 times along an axis: of finer levels than that of 8 texels a cell it reads nothing,
-# and pinches as wide; leaving them out keeps a huge signal on disk.
-_USED_OCTAVES = 3
 
 
 @dataclass(frozen=True)
@@ -49,10 +45,10 @@ class PictureSource:
 class PictureLevels:
     """Makes the levels of pictures when they are first seen."""
 
-    def __init__(self, signals: PyramidCache, pinchmaps: PinchmapTexels) -> None:
+    def __init__(self, kept: KeptTexels, signals: PyramidCache, pinchmaps: PinchmapTexels) -> None:
+        self._kept = kept
         self._signals = signals
         self._pinchmaps = pinchmaps
-        self._levels: dict[PictureSource, list[NDArray[np.float32]]] = {}
 
     def facts(self, source: PictureSource, path: str) -> ImageFacts:
         """See `fexel.textures.pool.TexelReader`."""
@@ -62,29 +58,29 @@ class PictureLevels:
         )
 
     def window(self, source: PictureSource, path: str, level: int, box: Box) -> NDArray:
-        """See `fexel.textures.pool.TexelReader`."""
-        if source not in self._levels:
-            self._levels[source] = self._made(source, path)
-        facts = self.facts(source, path)
-        texels = self._levels[source][level]
+        """See `fexel.textures.pool.TexelReader`; level 0, which is the signal's, is never asked for."""
+        levels = self._kept.get(source)
+        if levels is None:
+            levels = self._made(source, path)
+            self._kept.keep(source, levels, sum(texels.nbytes for texels in levels))
+        texels = levels[level - 1]
         size = (texels.shape[1], texels.shape[0])
         x0, y0, x1, y1 = inner_box(box, size)
-        return bordered(encode_page(texels[y0:y1, x0:x1], facts.page_class), box, size, facts.wrap)
+        return bordered(texels[y0:y1, x0:x1], box, size, self.facts(source, path).wrap)
 
-    def _made(self, source: PictureSource, path: str) -> list[NDArray[np.float32]]:
+    def _made(self, source: PictureSource, path: str) -> list[NDArray]:
+        """From level 1 on, as pages store them."""
         facts = self._signals.facts(source.signal, path)
-        size = self._pinchmaps.facts(source.pinchmap, path).size
-        octaves = (facts.size[0] // size[0]).bit_length() - 1
+        pinchmap = self._pinchmaps.texels(source.pinchmap, path)
+        octaves = (facts.size[0] // pinchmap.shape[1]).bit_length() - 1
+        # Of levels finer than its samples it reads nothing: leaving them out keeps a huge signal on disk.
+        used = cell_samples(pinchmap, facts.wrap).bit_length() - 1
         levels = []
-        for level in range(max(0, octaves - _USED_OCTAVES), octaves + 1):
+        for level in range(max(0, octaves - used), octaves + 1):
             width, height = (mipmaps.level_size(axis, level) for axis in facts.size)
             window = self._signals.window(source.signal, path, level, (0, 0, width, height))
             levels.append(decode_page(window[1:-1, 1:-1], facts.page_class))
         made = picture_levels(
-            self._pinchmaps.texels(source.pinchmap),
-            levels,
-            line_width=source.line_width,
-            line_color=source.line_color,
-            wrap=facts.wrap,
+            pinchmap, levels, line_width=source.line_width, line_color=source.line_color, wrap=facts.wrap
         )
-        return made[len(levels) - 1 :]
+        return [encode_page(texels, facts.page_class) for texels in made[len(levels) :]]

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from fexel import images
 from fexel.errors import FexelError, FexelWarning
 from fexel.textures.atlas import Box
+from fexel.textures.kept_texels import KeptTexels
 from fexel.textures.page_format import FLOAT, SNORM
 from fexel.textures.pinchmap_twin import decode_texels, signal_half_texel
 from fexel.textures.pyramid_cache import ImageFacts
@@ -47,11 +48,24 @@ class PinchmapSource:
 CONSTANT = PinchmapSource()
 
 
-class PinchmapTexels:
-    """Reads pinchmaps. Warns once about each that cannot be used."""
+@dataclass(frozen=True)
+class _Facts:
+    size: tuple[int, int]
+    page_class: int
 
-    def __init__(self) -> None:
-        self._texels: dict[str, NDArray | FexelError] = {"": _INACTIVE}
+
+class PinchmapTexels:
+    """Reads pinchmaps. Warns once about each that cannot be used.
+
+    Parameters
+    ----------
+    kept : KeptTexels, optional
+        Where texels are kept; by default its own.
+    """
+
+    def __init__(self, kept: KeptTexels | None = None) -> None:
+        self._kept = kept or KeptTexels()
+        self._facts: dict[str, _Facts | FexelError] = {"": _Facts((1, 1), SNORM)}
         self._warned: set[str] = set()
 
     def source(
@@ -73,7 +87,7 @@ class PinchmapTexels:
         if not file or signal is None:
             return CONSTANT
         try:
-            height, width = self._read(file).shape[:2]
+            width, height = self._checked(file).size
             if signal_half_texel((width, height), (signal.width, signal.height)) is None:
                 raise FexelError(
                     f"{file}: {width} x {height} texels for a signal of {signal.width} x {signal.height}, expected the "
@@ -85,38 +99,57 @@ class PinchmapTexels:
         s, t = (mode if mode in ("repeat", "mirror") else "clamp" for mode in wrap)
         return PinchmapSource(file, (s, t))
 
-    def _warn(self, path: str, fault: str) -> None:
-        message = f"{path}.inputs:pinchmap: {fault}; inputs:fallback is shown"
+    def _warn(self, path: str, fault: str, instead: str = "inputs:fallback is shown") -> None:
+        message = f"{path}.inputs:pinchmap: {fault}; {instead}"
         if message not in self._warned:
             self._warned.add(message)
             warnings.warn(message, FexelWarning, stacklevel=2)
 
-    def _read(self, file: str) -> NDArray:
-        """(H, W, 4) int8, of which 127 is 1, or float32."""
-        if file not in self._texels:
+    def _checked(self, file: str) -> _Facts:
+        """Facts of a pinchmap that can be used; every texel has been looked at."""
+        if file not in self._facts:
             try:
-                self._texels[file] = _stored(file)
+                texels = _stored(file)
+                self._kept.keep(("pinchmap", file), texels, texels.nbytes)
+                self._facts[file] = _facts(texels)
             except FexelError as error:
-                self._texels[file] = error
-        texels = self._texels[file]
-        if isinstance(texels, FexelError):
-            raise texels
+                self._facts[file] = error
+        facts = self._facts[file]
+        if isinstance(facts, FexelError):
+            raise facts
+        return facts
+
+    def _read(self, source: PinchmapSource, path: str) -> NDArray:
+        """(H, W, 4) int8, of which 127 is 1, or float32; inactive where a file is not any more what it was."""
+        if not source.file:
+            return _INACTIVE
+        facts = self._checked(source.file)
+        texels = self._kept.get(("pinchmap", source.file))
+        if texels is None:
+            try:
+                texels = _stored(source.file)
+                if _facts(texels) != facts:
+                    raise FexelError(f"{source.file}: has changed since it was first read")
+            except FexelError as error:
+                self._warn(path, str(error), "the plain image is shown")
+                texels = np.broadcast_to(_INACTIVE / np.float32(127), (facts.size[1], facts.size[0], 4))
+                texels = texels if facts.page_class == FLOAT else (texels * 127).astype(np.int8)
+            self._kept.keep(("pinchmap", source.file), texels, texels.nbytes)
         return texels
 
-    def texels(self, source: PinchmapSource) -> NDArray[np.float64]:
+    def texels(self, source: PinchmapSource, path: str) -> NDArray[np.float64]:
         """(H, W, 4), d_s, d_t, k, gamma in [-1, 1]."""
-        texels = self._read(source.file)
+        texels = self._read(source, path)
         return texels / 127.0 if texels.dtype == np.int8 else texels.astype(np.float64)
 
     def facts(self, source: PinchmapSource, _path: str) -> ImageFacts:
         """See `fexel.textures.pool.TexelReader`."""
-        texels = self._read(source.file)
-        size = (texels.shape[1], texels.shape[0])
-        return ImageFacts(size, SNORM if texels.dtype == np.int8 else FLOAT, source.wrap, None, has_levels=False)
+        facts = self._checked(source.file)
+        return ImageFacts(facts.size, facts.page_class, source.wrap, None, has_levels=False)
 
-    def window(self, source: PinchmapSource, _path: str, _level: int, box: Box) -> NDArray:
+    def window(self, source: PinchmapSource, path: str, _level: int, box: Box) -> NDArray:
         """See `fexel.textures.pool.TexelReader`; there is level 0 alone."""
-        texels = self._read(source.file)
+        texels = self._read(source, path)
         column = _continued(np.arange(box[0] - 1, box[2] + 1), texels.shape[1], source.wrap[0])
         row = _continued(np.arange(box[1] - 1, box[3] + 1), texels.shape[0], source.wrap[1])
         return np.ascontiguousarray(texels[row[:, None], column])
@@ -124,6 +157,10 @@ class PinchmapTexels:
 
 def _continued(index: NDArray[np.int64], size: int, mode: str) -> NDArray[np.int64]:
     return index % size if mode == "repeat" else index.clip(0, size - 1)
+
+
+def _facts(texels: NDArray) -> _Facts:
+    return _Facts((texels.shape[1], texels.shape[0]), SNORM if texels.dtype == np.int8 else FLOAT)
 
 
 def _stored(file: str) -> NDArray:

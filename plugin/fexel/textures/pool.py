@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from fexel.errors import FexelWarning
 from fexel.textures.atlas import Box, PageAtlas
+from fexel.textures.kept_texels import KeptTexels
 from fexel.textures.page_format import PAGE_FORMATS
 from fexel.textures.pyramid_cache import ImageFacts, PyramidCache
 from fexel.textures.record_texture import RecordTexture
@@ -79,6 +80,7 @@ class TexturePool:
         self.anisotropy = max(1.0, float(anisotropy))
         self.atlases = tuple(PageAtlas(gl, page_class) for page_class in range(len(PAGE_FORMATS)))
         self.records = RecordTexture(gl)
+        self._kept = KeptTexels()
         self._readers: dict[Callable, object] = {}
         self._numbers: dict[Hashable, int] = {}
         self._images: list[_Image] = []
@@ -90,9 +92,9 @@ class TexturePool:
         self.page_class = np.zeros(0, np.int64)
 
     def reader(self, reader_class: Callable[..., _Reader], *arguments: object) -> _Reader:
-        """The pool's reader of that class; `arguments` are for its first use."""
+        """The pool's reader of that class; at its first use made of the `KeptTexels` of all readers and `arguments`."""
         if reader_class not in self._readers:
-            self._readers[reader_class] = reader_class(*arguments)
+            self._readers[reader_class] = reader_class(self._kept, *arguments)
         return cast("_Reader", self._readers[reader_class])
 
     def begin(self) -> None:

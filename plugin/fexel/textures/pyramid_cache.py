@@ -8,7 +8,6 @@ page class SRGB keeps them sRGB-encoded in 8 bits, HALF, which is for all that i
 from __future__ import annotations
 
 import warnings
-from collections import OrderedDict
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
@@ -18,12 +17,12 @@ from numpy.typing import NDArray
 from fexel import images, mipmaps
 from fexel.errors import FexelError, FexelWarning
 from fexel.textures.image_source import ImageSource
+from fexel.textures.kept_texels import KeptTexels
 from fexel.textures.page_format import HALF, SRGB
 from fexel.textures.page_texels import bordered, encode_page, inner_box
 
 __all__ = ["HALF", "SRGB", "ImageFacts", "PyramidCache"]
 
-_KEEP_BYTES = 512 * 2**20
 _STRIP_TEXELS = 2**18
 _IDENTITY = ((1.0, 1.0, 1.0, 1.0), (0.0, 0.0, 0.0, 0.0))
 
@@ -58,11 +57,17 @@ class ImageFacts:
 
 
 class PyramidCache:
-    """Reads images on demand. Warns once about each that it cannot read."""
+    """Reads images on demand. Warns once about each that it cannot read.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    kept : KeptTexels, optional
+        Where pyramids are kept; by default its own.
+    """
+
+    def __init__(self, kept: KeptTexels | None = None) -> None:
         self._facts: dict[ImageSource, ImageFacts] = {}
-        self._pyramids: OrderedDict[ImageSource, list[NDArray | None]] = OrderedDict()
+        self._kept = kept or KeptTexels()
         self._damaged: set[ImageSource] = set()
         self._warned: set[str] = set()
 
@@ -146,13 +151,11 @@ class PyramidCache:
         return texels[y0:y1, x0:x1]
 
     def _pyramid(self, source: ImageSource, facts: ImageFacts, path: str, level: int) -> list[NDArray | None]:
-        if source not in self._pyramids or self._pyramids[source][level] is None:
-            self._pyramids[source] = self._made(source, facts, path, 0 if level == 0 else 1)
-        self._pyramids.move_to_end(source)
-        held = sum(map(_nbytes, self._pyramids.values()))
-        while held > _KEEP_BYTES and len(self._pyramids) > 1:
-            held -= _nbytes(self._pyramids.popitem(last=False)[1])
-        return self._pyramids[source]
+        levels = self._kept.get(source)
+        if levels is None or levels[level] is None:
+            levels = self._made(source, facts, path, 0 if level == 0 else 1)
+            self._kept.keep(source, levels, sum(0 if texels is None else texels.nbytes for texels in levels))
+        return levels
 
     def _made(self, source: ImageSource, facts: ImageFacts, path: str, first: int) -> list[NDArray | None]:
         if facts.info is not None:
@@ -183,10 +186,6 @@ class PyramidCache:
             self._warn(path, str(error), "inputs:mask", "the alpha of inputs:file is used")
             return None
 
-    def forget_pyramids(self) -> None:
-        """Free decoded images."""
-        self._pyramids.clear()
-
 
 def _encoded_levels(strips: Iterable[NDArray[np.float32]], facts: ImageFacts, first: int) -> list[NDArray | None]:
     """All levels as pages store them; None for those finer than `first`. Floats live for one strip only."""
@@ -205,10 +204,6 @@ def _encoded_levels(strips: Iterable[NDArray[np.float32]], facts: ImageFacts, fi
             filled[level] += len(rows)
             rows = halvers[level].feed(rows)
     return levels
-
-
-def _nbytes(levels: list[NDArray | None]) -> int:
-    return sum(0 if level is None else level.nbytes for level in levels)
 
 
 def _scaled(texels: NDArray[np.float32], source: ImageSource) -> NDArray[np.float32]:
