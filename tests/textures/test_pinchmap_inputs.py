@@ -205,6 +205,17 @@ def test_number_that_cannot_be_is_said_and_the_default_used(files, name, value):
     assert (data.antialias, data.line_width) == (1.0, 0.0)
 
 
+@pytest.mark.parametrize(("alpha", "used"), [(1.5, 1.0), (-0.25, 0.0)])
+def test_line_color_alpha_outside_of_its_range_is_said_and_clamped(files, alpha, used):
+    stage = pinchmap_stage(*files, lineColor=(2.0, -1.0, 0.5, alpha))
+    with pytest.warns(
+        FexelWarning, match=rf"^/Pinchmap\.inputs:lineColor: has alpha {alpha}, expected 0 to 1"
+    ) as caught:
+        _, data = extract_texture(stage.GetPrimAtPath("/Pinchmap"), 0.0)
+    assert len(caught) == 1
+    assert data.line_color == (2.0, -1.0, 0.5, used)
+
+
 def test_stats_tell_what_is_loaded(gl, files):
     texture = zipmap_texture(pinchmap_stage(*files), "/Pinchmap")
     system = TextureSystem(gl)

@@ -50,6 +50,13 @@ def test_texture_without_a_pinchmap_has_no_findings(logo):
     assert logo.findings() == []
 
 
+def test_pinchmap_larger_than_the_renderer_takes_is_an_error(logo, tmp_path):
+    logo.logo.CreatePinchmapAttr(write(tmp_path, "map.png", zero(4, 8200)))
+    finding = logo.the_only("fexel:Pinchmap")
+    assert finding.severity == "error"
+    assert finding.message == "inputs:pinchmap: ./map.png: 8200 x 4 texels, expected at most 8192 along an axis"
+
+
 @pytest.mark.parametrize("channels", [1, 3])
 def test_wrong_number_of_channels_is_an_error(logo, tmp_path, channels):
     logo.logo.CreatePinchmapAttr(write(tmp_path, "map.png", zero(channels=channels)))

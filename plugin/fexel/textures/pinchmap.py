@@ -36,7 +36,7 @@ class PinchmapData:
     line_width : float
         Width of a solid line along the discontinuities in texels of the pinchmap, >= 0; 0 is none.
     line_color : 4-tuple
-        Linear rgba, straight alpha.
+        Linear rgba, straight alpha in [0, 1].
     st_to_texture : 3 tuples of 3
         ``inputs:matrix``, for row vectors, from ``inputs:st`` to the texture's own coordinates; identity for a patch.
     """
@@ -62,7 +62,7 @@ def extract(prim: Usd.Prim, time: Usd.TimeCode, nested: bool = False) -> Pinchma
     Warns
     -----
     FexelWarning
-        Per attribute: unknown token, value that is not finite or negative where it must not be.
+        Per attribute: unknown token, value that is not finite or outside of the range it must be in.
     """
     inputs = Inputs(prim, time)
     warn_of_filter(inputs)
@@ -72,9 +72,17 @@ def extract(prim: Usd.Prim, time: Usd.TimeCode, nested: bool = False) -> Pinchma
         pinchmap=inputs.asset("pinchmap"),
         antialias=inputs.number("antialias", 1.0, 0.0),
         line_width=inputs.number("lineWidth", 0.0, 0.0),
-        line_color=inputs.vector("lineColor", (0.0, 0.0, 0.0, 1.0)),
+        line_color=_line_color(inputs),
         st_to_texture=_IDENTITY if nested else _matrix(inputs),
     )
+
+
+def _line_color(inputs: Inputs) -> tuple[float, ...]:
+    *color, alpha = inputs.vector("lineColor", (0.0, 0.0, 0.0, 1.0))
+    within = min(max(alpha, 0.0), 1.0)
+    if within != alpha:
+        warn(inputs.prim, "inputs:lineColor", f"has alpha {alpha:g}, expected 0 to 1; {within:g} is used")
+    return *color, within
 
 
 def _matrix(inputs: Inputs) -> tuple[tuple[float, ...], ...]:

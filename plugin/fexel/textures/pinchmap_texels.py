@@ -20,10 +20,10 @@ from fexel.textures.page_format import FLOAT, SNORM
 from fexel.textures.pinchmap_twin import decode_texels, signal_half_texel
 from fexel.textures.pyramid_cache import ImageFacts
 
-__all__ = ["CONSTANT", "PinchmapSource", "PinchmapTexels"]
+__all__ = ["CONSTANT", "LARGEST_PINCHMAP", "PinchmapSource", "PinchmapTexels"]
 
 _CHANNELS = 4
-_LARGEST = 8192  # texels a side: beyond it a pinchmap would fill the texture memory of any view
+LARGEST_PINCHMAP = 8192  # texels a side: beyond it a pinchmap would fill the texture memory of any view
 # Inactive everywhere: no texel of the signal is displaced.
 _INACTIVE = np.array([[[0, 0, 127, 0]]], np.int8)
 
@@ -167,8 +167,10 @@ def _stored(file: str) -> NDArray:
     info = images.image_info(file)
     if info.channels != _CHANNELS:
         raise FexelError(f"{file}: {info.channels} channels, expected 4 (d_s, d_t, k, gamma)")
-    if max(info.width, info.height) > _LARGEST:
-        raise FexelError(f"{file}: {info.width} x {info.height} texels, expected at most {_LARGEST} along an axis")
+    if max(info.width, info.height) > LARGEST_PINCHMAP:
+        raise FexelError(
+            f"{file}: {info.width} x {info.height} texels, expected at most {LARGEST_PINCHMAP} along an axis"
+        )
     texels = images.read_pixels(info)
     if texels.dtype == np.uint8:
         return (texels.astype(np.int16) - 127).clip(-127, 127).astype(np.int8)

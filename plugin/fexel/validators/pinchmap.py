@@ -10,6 +10,7 @@ from pxr import Sdf, Usd
 
 from fexel.errors import FexelError
 from fexel.images import read_pixels
+from fexel.textures.pinchmap_texels import LARGEST_PINCHMAP
 from fexel.textures.pinchmap_twin import signal_half_texel
 from fexel.validators.fault import Fault
 from fexel.validators.files import file_version, image_header, resolved_files
@@ -47,6 +48,10 @@ def _faults(pinchmap: Usd.Attribute, signal: Usd.Attribute, time: Usd.TimeCode) 
         header = image_header(file)
         if header.channels != _CHANNELS:
             yield f"{asset.path}: {header.channels} channels, expected 4 (d_s, d_t, k, gamma)", True
+            return
+        if max(header.width, header.height) > LARGEST_PINCHMAP:
+            size = f"{header.width} x {header.height} texels"
+            yield f"{asset.path}: {size}, expected at most {LARGEST_PINCHMAP} along an axis", True
             return
         yield from _value_faults(asset.path, file)
     except FexelError:
