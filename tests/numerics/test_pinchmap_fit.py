@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from fexel.errors import FexelError
+from fexel_tools import pinchmap_fit, pinchmap_legal
 from fexel_tools.pinchmap_fit import fit
 from fexel_tools.pinchmap_gamma import cell_errors, lattice_of, wrong_pixels
 from fexel_tools.pinchmap_legal import legalise
@@ -160,6 +161,46 @@ def test_equal_seeds_give_equal_maps():
 def test_noise_gives_a_legal_map(wrap):
     side = np.random.default_rng(0).random((128, 96)).astype(np.float32)
     assert_sound(fit(side, (16, 12), wrap=wrap), side, wrap)
+
+
+@pytest.mark.parametrize("most", [0, 3, 100])
+def test_a_mask_is_legal_however_few_places_may_be_mended(rng, monkeypatch, most):
+    budgets = []
+    make_legal = pinchmap_legal._make_legal
+
+    def recorded(*arguments):
+        budgets.append(arguments[-1])
+        return make_legal(*arguments)
+
+    monkeypatch.setattr(pinchmap_legal, "_MOST_TRIED_EVER", most)
+    monkeypatch.setattr(pinchmap_legal, "_make_legal", recorded)
+    mask = rng.random((40, 40)) < 0.5
+    kept = legalise(mask, rng.normal(0, 5, mask.shape), rng.normal(0, 50, mask.shape), (False, False), unit=100.0)
+    assert is_legal(kept)
+    assert {id(budget) for budget in budgets} == {id(budgets[0])}  # one for all restarts
+    assert budgets[0][0] == 0
+
+
+def test_noise_on_a_large_map_takes_no_more_trials_and_rounds_than_allowed(monkeypatch):
+    trials, rounds = [], []
+    search, reweighted = pinchmap_fit.search, pinchmap_fit.reweighted_levels
+
+    def counted_search(*arguments):
+        trials.append(arguments[8])
+        return search(*arguments)
+
+    def counted_reweighting(*arguments):
+        rounds.append(len(arguments[1]))
+        return reweighted(*arguments)
+
+    monkeypatch.setattr(pinchmap_fit, "search", counted_search)
+    monkeypatch.setattr(pinchmap_fit, "reweighted_levels", counted_reweighting)
+    monkeypatch.setattr(pinchmap_fit, "_MOST_TRIALS", 200)
+    monkeypatch.setattr(pinchmap_fit, "_MOST_REWEIGHTED", 1000)
+    side = np.random.default_rng(1).random((256, 256)).astype(np.float32)
+    assert_sound(fit(side, (48, 48)), side)
+    assert trials == [200, 200]
+    assert len(rounds) <= 2  # one for each of two masks, of over 1000 cells each
 
 
 @pytest.mark.parametrize("value", [0.0, 1.0])

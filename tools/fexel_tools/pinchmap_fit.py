@@ -38,11 +38,12 @@ __all__ = ["Fault", "PinchmapFit", "fit"]
 _UNITS = {8: 1 / 127, 16: 1 / 32767, 32: 1 / 32767}
 _MOST_PIXELS, _FEWEST_PIXELS = 64, 8  # along a cell, of the image that is fitted
 _FREE_TRIALS, _TRIALS = 3, 7  # of the search without and with a mask, per cell with an error
-_MOST_TRIALS = 60_000  # some seconds
+_MOST_TRIALS = 15_000  # about three seconds; only maps with edges in thousands of cells ask for more
 _MASK_SHARE = 0.2  # of the trials
 _FREE_UNIT = 1 / 127
 _COARSE = 0.0625  # first step of a descent
 _NEAR = 0.05  # cost of a cell on the wrong side, per pixel: gamma can make up for it
+_MOST_REWEIGHTED = 50_000  # cells with an error in all rounds of reweighting
 _ROUNDS = ((0.2, 3.0), (0.5, 1.5), (0.2, 1.5), (1.0, 3.0), (0.1, 1.0))  # of reweighting: nearest, farthest; pixels
 
 Window = tuple[float, float, float, float]
@@ -213,7 +214,8 @@ def _reweighted(lattice: Lattice, cells, active, levels, points, repeat, pixel: 
         sweep(lattice, cells, active, levels, errors, unit, coarse)
     low = np.where(active, unit - 1, np.where(cells, unit, unit - 2))
     high = np.where(active, 1 - unit, np.where(cells, 2 - unit, -unit))
-    for nearest, farthest in _ROUNDS:
+    rounds = _MOST_REWEIGHTED // max(int((errors > 0).sum()), 1)
+    for nearest, farthest in _ROUNDS[: max(rounds, 1)]:
         other = reweighted_levels(points, levels, low, high, repeat, nearest * pixel, farthest * pixel)
         clip_levels(cells, active, other, unit)
         cell_errors(lattice, other, other_errors)

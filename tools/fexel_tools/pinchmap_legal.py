@@ -30,7 +30,8 @@ __all__ = ["legalise"]
 _HEAT, _COOLING = 0.3, 0.01  # first temperature, in pixels of a cell, and the last one over it
 _MOST_MOVES = 1_500_000  # of a restart: about a second
 _ENOUGH_MOVES = 80_000  # for a third restart and more
-_MOST_TRIED = 4000  # places mended one by one; of noise the rest is left to larger squares
+_MOST_TRIED = 2000  # places mended one by one in one go; of noise the rest is left to larger squares
+_MOST_TRIED_EVER = 6000  # in all: about a second or two
 _compiled = numba.njit(cache=True, nogil=True, error_model="numpy")
 
 
@@ -71,13 +72,14 @@ def legalise(
         best[:, -1:] = best[:, -2:-1] if best.shape[1] > 1 else best[:, -1:]
     active = np.empty_like(best)
     update_active(best, active, 0, 0, *best.shape, repeat[1], repeat[0])
-    least = _make_legal(best, active, (0, 0, *best.shape), cell_cost, texel_cost, unit, repeat)
+    budget = np.array([_MOST_TRIED_EVER])
+    least = _make_legal(best, active, (0, 0, *best.shape), cell_cost, texel_cost, unit, repeat, budget)
     spent, idle = 0, 0
     for run in range(restarts):
         near = _dilated(_wrong_texels(best, active, texel_cost, 0.01 * unit), repeat)
         moves = min(trials, _MOST_MOVES // max(int(near.sum()), 1))
         spent += moves * int(near.sum())
-        if idle == 2 or (run >= 2 and spent > _ENOUGH_MOVES):
+        if idle == 2 or budget[0] <= 0 or (run >= 2 and spent > _ENOUGH_MOVES):
             break
         idle += 1
         number, labels, boxes, _ = cv2.connectedComponentsWithStats(near.astype(np.uint8), connectivity=8)
@@ -89,17 +91,20 @@ def legalise(
             count = moves * len(places)
             _anneal(cells, around, cell_cost, texel_cost, places, unit, count, repeat[1], repeat[0], chance)
             box = (max(top - 3, 0), max(left - 3, 0), top + height + 3, left + width + 3)
-            cost = _make_legal(cells, around, box, cell_cost, texel_cost, unit, repeat)
+            cost = _make_legal(cells, around, box, cell_cost, texel_cost, unit, repeat, budget)
             if cost < least:
                 best, active, least, idle = cells, around, cost, 0
     return best.astype(bool)
 
 
-def _make_legal(cells, active, box, cell_cost, texel_cost, unit: float, repeat: tuple[bool, bool]) -> float:
-    """Mend what is broken within a box of cells, or else anywhere, in place, and return the cost."""
+def _make_legal(cells, active, box, cell_cost, texel_cost, unit: float, repeat: tuple[bool, bool], budget) -> float:
+    """Mend what is broken within a box of cells, or else anywhere, in place, and return the cost.
+
+    `budget` (1,) is how many places may yet be mended one by one.
+    """
     top = max(float(np.abs(texel_cost).max()), float(np.abs(cell_cost).max()), unit)
     for penalty in (unit, 4 * unit, 1e9 * top):
-        _improve(cells, active, cell_cost, texel_cost, penalty, repeat[1], repeat[0], 8, box)
+        _improve(cells, active, cell_cost, texel_cost, penalty, repeat[1], repeat[0], 8, box, budget)
     _force(cells, active, cell_cost, repeat[1], repeat[0])
     return total_cost(cells, active, cell_cost, texel_cost)
 
@@ -242,7 +247,7 @@ def _best_move(mask, active, cell_cost, texel_cost, penalty, r, c, largest, repe
 
 
 @_compiled
-def _improve(mask, active, cell_cost, texel_cost, penalty, repeat_t, repeat_s, passes, box):
+def _improve(mask, active, cell_cost, texel_cost, penalty, repeat_t, repeat_s, passes, box, budget):
     """Moves of up to 3 x 3 cells wherever a rule is broken or a texel is on the wrong side."""
     saved = np.empty((5, 5), mask.dtype)
     tried = 0
@@ -254,8 +259,9 @@ def _improve(mask, active, cell_cost, texel_cost, penalty, repeat_t, repeat_s, p
                 wrong = not active[r, c] and ((mask[r, c] and cost < 0) or (not mask[r, c] and cost > 0))
                 if wrong or broken_at(mask, active, r, c, repeat_t, repeat_s):
                     tried += 1
-                    if tried > _MOST_TRIED:
+                    if tried > _MOST_TRIED or budget[0] <= 0:
                         return
+                    budget[0] -= 1
                     gain += _best_move(mask, active, cell_cost, texel_cost, penalty, r, c, 3, repeat_t, repeat_s, saved)
         if gain == 0:
             return
