@@ -9,6 +9,8 @@ import pytest
 from pxr import Gf, Sdf, Usd, UsdGeom
 
 import fexel
+from fexel_tools.pinchmap_options import PinchmapOptions
+from fexel_tools.pinchmap_solution import compute_pinchmap
 
 FOLDER = Path(__file__).resolve().parents[2] / "stages"
 INK = np.array([0.0116, 0.0176, 0.0513])  # inputs:lineColor of the drawing, linear
@@ -120,3 +122,15 @@ def test_switching_a_pinchmap_off_leaves_the_wood(renderer):
     corner = np.s_[:20, :20]  # outside of the logo
     np.testing.assert_allclose(marked[corner], bare[corner], atol=2e-3)
     assert bare[..., 0].min() > 2 * marked[..., 0].min()
+
+
+def test_sweets_have_no_halo():
+    """Made anew from the photo: up to their outlines they are opaque and what is around them is not there at all."""
+    file = FOLDER / "pinchmap_demo" / "sources" / "sweets.png"
+    made = compute_pinchmap(str(file), PinchmapOptions(size=48))
+    alpha = made.signal[..., 3]
+    assert ((alpha == 0) | (alpha > 0.98)).all()
+    opacity = made.source.opacity
+    shown = made.picture(opacity.shape)[..., 3]
+    assert (shown[opacity == 0] == 0).mean() > 0.995
+    assert (shown[opacity == 1] == 1).mean() > 0.98
