@@ -4,7 +4,7 @@
 // For affine maps without anisotropic probes, seen so that neither float32 coordinates nor the 8-bit weights of hardware
 // filters show. What is known of each texture is compiled in, constants come as flat varyings.
 //
-// Defines: PINCHMAP_FLAT first of the varyings, PINCHMAP_CONSTANTS per slot; PINCHMAP_CODES<slot>: 1
+// Defines: PINCHMAP_FLAT first of the varyings, PINCHMAP_CONSTANTS per slot; PINCHMAP_CODES<slot>, of all 8: 1
 // + 2 signal seen at two mip levels + 4 minified somewhere + 8 solid line + 16 pinchmap in the float pages + 32 signal in
 // the half-float pages + 64 * wrap mode along s + 256 * along t.
 //
@@ -12,28 +12,6 @@
 // of 1 over the finest one; then scale.xy, offset.xy from position to page coordinates of the pinchmap, of the finest
 // level of the signal, and where any slot has them: of the next level; line colour, premultiplied.
 #if PINCHMAP_FAST
-
-#ifndef PINCHMAP_CODES1
-#define PINCHMAP_CODES1 0
-#endif
-#ifndef PINCHMAP_CODES2
-#define PINCHMAP_CODES2 0
-#endif
-#ifndef PINCHMAP_CODES3
-#define PINCHMAP_CODES3 0
-#endif
-#ifndef PINCHMAP_CODES4
-#define PINCHMAP_CODES4 0
-#endif
-#ifndef PINCHMAP_CODES5
-#define PINCHMAP_CODES5 0
-#endif
-#ifndef PINCHMAP_CODES6
-#define PINCHMAP_CODES6 0
-#endif
-#ifndef PINCHMAP_CODES7
-#define PINCHMAP_CODES7 0
-#endif
 
 int pinchmap_codes(int slot)
 {

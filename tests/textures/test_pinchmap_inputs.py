@@ -17,7 +17,7 @@ from bench.pinchmap_texture import (
 from bench.zipmap_stage import Patch, front_view, quad, render_texture, save, vertex_array, zipmap_stage, zipmap_texture
 from fexel import images, mipmaps
 from fexel.errors import FexelWarning
-from fexel.renderer.program import ProgramCache
+from fexel.renderer.program import ProgramCache, load_shader
 from fexel.renderer.visible import visible_surface
 from fexel.textures import extract_texture, pinchmap_twin
 from fexel.textures.kept_texels import KeptTexels
@@ -405,6 +405,25 @@ def test_several_pinchmaps_and_a_zipmap_in_one_material_are_each_as_alone(gl, tm
         error = np.abs(together - alone[number]).max(axis=-1)
         assert np.quantile(error, 0.9) < 1e-3, number  # transitions: derivatives between pixels or exact
         assert error.max() < 0.35, number
+    system.release()
+
+
+@pytest.mark.parametrize("pixels", [64, 6000])  # by the filters of hardware, and by records
+def test_pinchmap_shaders_compile_as_glsl_es(gl, files, pixels):
+    texture = zipmap_texture(pinchmap_stage(*files, lineWidth=0.1), "/Pinchmap")
+    high = 64 / pixels
+    view = front_view((0.5 - high / 2, 0.5 - high / 2), (0.5 + high / 2, 0.5 + high / 2), 64, 64)
+    system = TextureSystem(gl)
+    requests = [TextureRequest(texture, visible_surface(quad(), view, ["st"]))]
+    system.begin_view(requests)
+    binding = system.binding(requests)
+    assert binding.defines["PINCHMAP_RECORDS"] == (pixels > 1000)
+    head = "#version 300 es\nprecision highp float;\nprecision highp int;\nprecision highp sampler2D;"
+    defines = binding.defines | {"TEXTURE_SAMPLE": "pinchmap_sample", "TEXTURE_AOVS": 1}
+    sources = [load_shader("texture_view.vert", defines), load_shader("texture_view.frag", defines, binding.includes)]
+    vertex, fragment = (source.text.replace("#version 330 core", head) for source in sources)
+    assert head in fragment
+    gl.program(vertex_shader=vertex, fragment_shader=fragment).release()
     system.release()
 
 

@@ -12,13 +12,10 @@ from typing import Any, Protocol, cast
 
 import numpy as np
 
-from fexel.images import srgb_to_linear
 from fexel.textures.image_source import BIAS_ZERO, SCALE_ONE, ImageSource
-from fexel.textures.pyramid_cache import SRGB, PyramidCache
+from fexel.textures.pyramid_cache import PyramidCache
 
-__all__ = ["NestedBaker", "Storage", "TextureBaker", "linear_texels", "nested_baker", "storage_of", "texture_baker"]
-
-_SRGB_TABLE = srgb_to_linear(np.arange(256) / np.float32(255))
+__all__ = ["NestedBaker", "Storage", "TextureBaker", "nested_baker", "storage_of", "texture_baker"]
 
 
 @dataclass(frozen=True)
@@ -99,12 +96,3 @@ def storage_of(
         return Storage("raw", "half", scale, bias)
     space = info.color_space if source.color_space == "auto" else source.color_space
     return Storage(space, "uint8" if space == "sRGB" else "uint16", scale, bias)
-
-
-def linear_texels(stored: np.ndarray, page_class: int) -> np.ndarray:
-    """Texels of `PyramidCache.window` as float32, linear."""
-    if page_class == SRGB:
-        texels = _SRGB_TABLE[stored]
-        texels[..., 3] = stored[..., 3] / np.float32(255)
-        return texels
-    return stored.astype(np.float32)

@@ -14,12 +14,13 @@ import numpy as np
 
 from fexel import homography, mipmaps
 from fexel.textures.image_source import BIAS_ZERO, SCALE_ONE, ImageSource
+from fexel.textures.page_texels import decode_page
 from fexel.textures.pinchmap import PinchmapData
 from fexel.textures.pinchmap_lattice import Lattice
 from fexel.textures.pinchmap_texels import CONSTANT, PinchmapTexels
 from fexel.textures.pinchmap_twin import picture_levels, sample_pinchmap
 from fexel.textures.pyramid_cache import PyramidCache
-from fexel_tools.baking import Storage, linear_texels, storage_of
+from fexel_tools.baking import Storage, storage_of
 
 __all__ = ["WHOLE", "baker", "reconstruct"]
 
@@ -196,7 +197,7 @@ class _PinchmapBaker:
             source = replace(source, file="")
             facts, found = self._cache.facts(source, self._path), CONSTANT
         stored = self._cache.window(source, self._path, 0, (0, 0, *facts.size))[1:-1, 1:-1]
-        signal = linear_texels(stored, facts.page_class).astype(np.float64)
+        signal = decode_page(stored, facts.page_class).astype(np.float64)
         pinchmap = self._pinchmaps.texels(found, self._path)
         if found is CONSTANT:
             pinchmap = np.broadcast_to(pinchmap[0, 0], signal.shape)

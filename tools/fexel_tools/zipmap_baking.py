@@ -20,9 +20,10 @@ import numpy as np
 from fexel import homography
 from fexel.mipmaps import level_count, level_size
 from fexel.textures.image_source import ImageSource
+from fexel.textures.page_texels import decode_page
 from fexel.textures.pyramid_cache import ImageFacts, PyramidCache
 from fexel.textures.zipmap import ZipmapData
-from fexel_tools.baking import NestedBaker, Storage, linear_texels, nested_baker, storage_of
+from fexel_tools.baking import NestedBaker, Storage, nested_baker, storage_of
 
 __all__ = ["bake_zipmap", "baked_size", "baker"]
 
@@ -252,7 +253,7 @@ def _window(layers: _Layers, layer: int, level: int, corners: np.ndarray) -> _Wi
     x0, x1 = _span(low[0], high[0], width)
     y0, y1 = _span(1 - high[1], 1 - low[1], height)
     stored = layers.cache.window(source, path, level, (x0, y0, x1, y1))
-    return _Window(linear_texels(stored, facts.page_class), x0, y0, width, height, (_WRAPS[wrap_s], _WRAPS[wrap_t]))
+    return _Window(decode_page(stored, facts.page_class), x0, y0, width, height, (_WRAPS[wrap_s], _WRAPS[wrap_t]))
 
 
 def _span(low: float, high: float, size: int) -> tuple[int, int]:

@@ -14,6 +14,8 @@ _Box = tuple[int, int, int, int]
 # sRGB encoding to 8 bits by table: 2^16 steps of linear light are finer than half an 8-bit step even at black.
 _ENCODE = (images.linear_to_srgb(np.arange(65536) / np.float32(65535)) * 255 + 0.5).astype(np.uint8)
 
+_DECODE = images.srgb_to_linear(np.arange(256) / np.float32(255))
+
 
 def encode_page(texels: NDArray[np.float32], page_class: int) -> NDArray:
     """Linear, premultiplied rgba (H, W, 4) as pages of SRGB or HALF store it: uint8 or float16."""
@@ -28,8 +30,8 @@ def decode_page(texels: NDArray, page_class: int) -> NDArray[np.float32]:
     """What a shader reads of stored texels: the inverse of `encode_page`."""
     if page_class == HALF:
         return texels.astype(np.float32)
-    values = texels.astype(np.float32) / np.float32(255)
-    values[..., :3] = images.srgb_to_linear(values[..., :3])
+    values = _DECODE[texels]
+    values[..., 3] = texels[..., 3] / np.float32(255)
     return values
 
 

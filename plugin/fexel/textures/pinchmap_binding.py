@@ -18,6 +18,7 @@ __all__ = ["PinchmapConstants", "PinchmapSlot", "bind", "pinchmap_slot"]
 _WRAP_CODES = {"clamp": 0, "repeat": 1, "mirror": 2, "black": 3}
 _TWO_LEVELS, _MINIFIED, _LINE, _FLOAT_PAGE, _HALF_PAGE = 2, 4, 8, 16, 32
 _PATCH = 64
+_CODED_SLOTS = 8  # of a material: more than varyings have room for; those after go by records
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,7 +223,7 @@ def bind(slots: Sequence[PinchmapSlot], nested: Sequence[PinchmapSlot], room: in
         "PINCHMAP_SRGB": int(SRGB in classes),
         "PINCHMAP_HALF": int(HALF in classes),
     }
-    defines |= {f"PINCHMAP_CODES{number}": code for number, code in enumerate(codes or [0])}
+    defines |= {f"PINCHMAP_CODES{number}": dict(enumerate(codes)).get(number, 0) for number in range(_CODED_SLOTS)}
     uniforms: dict[str, NDArray] = {"pinchmapMaxProbes": np.array([[pool.anisotropy]])}
     if slots:
         uniforms["pinchmapRecord"] = np.array([(slot.record, slot.finest, 0, 0) for slot in slots])
