@@ -156,11 +156,10 @@ def author_pinchmap(
     phases = Phases(progress=progress or silent)
     pinchmap = compute_pinchmap(file, options, phases)
     nbytes = _write(pinchmap, file, out, options, phases)
-    seconds = sum(phases.seconds.values())
     with phases("measure"):
         item = _item(pinchmap, file, out, nbytes, measured)
         panels = draw_panels(pinchmap, item, panel_px, square=square_panels) if panel_px else None
-    return AuthoredPinchmap(replace(item, seconds=seconds, phases=phases.seconds), panels)
+    return AuthoredPinchmap(replace(item, seconds=phases.authoring, phases=phases.seconds), panels)
 
 
 def _write(pinchmap: Pinchmap, file: str, out: str | Path, options: PinchmapOptions, phases: Phases) -> int:

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from fexel_tools import pinchmap_stage
+from fexel_tools.compile_time import compile_time
 from fexel_tools.pinchmap_auto import largest_auto_size, smallest_size
 from fexel_tools.pinchmap_baking import WHOLE, reconstruct
 from fexel_tools.pinchmap_fit import PinchmapFit, fit
@@ -30,6 +31,7 @@ from fexel_tools.progress import Progress, silent
 __all__ = ["Phases", "Pinchmap", "compute_pinchmap"]
 
 _STEPS = ("read", "fit", "signal", "textures", "stage", "fallback", "measure")
+_COMPILE = "compile"
 _FIT_BITS = {"8": 8, "16": 16, "float": 32}
 
 
@@ -83,17 +85,25 @@ class Pinchmap:
 
 @dataclass
 class Phases:
-    """Seconds on the clock by phase."""
+    """Seconds on the clock by phase, without those in which kernels were compiled: these are the phase `compile`."""
 
     seconds: dict[str, float] = field(default_factory=dict)
     progress: Progress = silent
+
+    @property
+    def authoring(self) -> float:
+        """Seconds of all phases but the compilation and what it takes to measure."""
+        return sum(seconds for name, seconds in self.seconds.items() if name not in (_COMPILE, "measure"))
 
     @contextmanager
     def __call__(self, name: str) -> Iterator[None]:
         """Time what is done inside."""
         start = time.perf_counter()
-        yield
-        self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
+        with compile_time(self.progress) as compiling:
+            yield
+        self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start - compiling.seconds
+        if compiling.seconds:
+            self.seconds[_COMPILE] = self.seconds.get(_COMPILE, 0.0) + compiling.seconds
         self.progress("pinchmap", _STEPS.index(name) + 1, len(_STEPS))
 
 
