@@ -14,8 +14,8 @@ result, in source pixels; null where just one of them has any. `psnr_db` compare
 source, sRGB-encoded (data: as they are), against a peak of 1, of the source's largest colour where that is above 1, or
 of the range of its data; `plain_psnr_db` is that of a plain texture of as many bytes. `seconds` is all phases from
 reading the source to the stage in its place, on the clock; what it takes to measure is the phase ``measure``, and to
-compile kernels, once per installation, the phase ``compile``: they are not part of it. A fault is a place where the lines are more than the map can express; x and y are pixels
-of the source, from its upper left corner.
+compile kernels, once per installation, the phase ``compile``: they are not part of it. A fault is a place where the
+lines are more than the map can express; x and y are pixels of the source, from its upper left corner.
 """
 
 from __future__ import annotations
