@@ -124,6 +124,18 @@ def test_a_straight_line_of_any_slope_is_exact_to_a_pixel_in_a_thousand():
         assert fitted.mismatch < 1e-3, np.degrees(angle)
 
 
+def test_a_rough_edge_midway_through_cells_does_not_zigzag():
+    steps = 0
+    for size in (512, 1000):
+        rough = np.random.default_rng(3).normal(0, 1, (2, size))
+        y, x = np.abs(np.mgrid[:size, :size] + 0.5 - size / 2)
+        distance = np.minimum(8.5 * size / 32 - x + rough[0][:, None], 6.5 * size / 32 - y + rough[1])
+        mask = fit(np.clip(distance + 0.5, 0, 1).astype(np.float32), (32, 32)).mask[:, 10:22]
+        for edge in (mask.argmax(0), mask[::-1].argmax(0)):
+            steps += np.count_nonzero(np.diff(edge))
+    assert steps <= 8  # of 44; with a majority of half the pixels 14
+
+
 def test_error_falls_with_the_square_of_the_size_and_faster():
     side = disc(512, (0.47, 0.52), 0.31)
     coarse, fine = fit(side, (8, 8)), fit(side, (32, 32))

@@ -44,6 +44,7 @@ _FREE_UNIT = 1 / 127
 _COARSE = 0.0625  # first step of a descent
 _NEAR = 0.05  # cost of a cell on the wrong side, per pixel: gamma can make up for it
 _MOST_REWEIGHTED = 50_000  # cells with an error in all rounds of reweighting
+_HALF = 0.45  # share of + pixels that makes a cell +; not 0.5: rough edges midway through cells must not zigzag
 _ROUNDS = ((0.2, 3.0), (0.5, 1.5), (0.2, 1.5), (1.0, 3.0), (0.1, 1.0))  # of reweighting: nearest, farthest; pixels
 
 Window = tuple[float, float, float, float]
@@ -200,8 +201,9 @@ def _legal_mask(lattice: Lattice, levels, distance, locked, repeat, seed: int) -
     area = float(lattice.pixels.max())
     turning = costs_of_turning(lattice, levels, errors)
     turning = np.where(np.abs(distance) < 1, turning, np.sign(distance) * 2 * area)
-    cost = _NEAR * (lattice.pixels - 2.0 * lattice.ones) + 1e3 * area * locked
-    majority = (2 * lattice.ones > lattice.pixels) & (locked == 0)
+    surplus = lattice.ones - _HALF * lattice.pixels
+    cost = -2 * _NEAR * surplus + 1e3 * area * locked
+    majority = (surplus > 0) & (locked == 0)
     return legalise(majority, cost, turning, repeat, unit=area, seed=seed)
 
 
