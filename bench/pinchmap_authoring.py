@@ -104,7 +104,8 @@ def rows(quick: bool) -> Iterator[Row]:
         yield from _shape_rows(_results[size], size, setting)
         yield from _color_rows(_results[size], size, setting)
         plain = [result for result in _results[size] if result.is_plain]
-        yield from _color_rows(plain, size, f"those {len(plain)} whose only edges are their alpha's")
+        if plain:
+            yield from _color_rows(plain, size, f"those {len(plain)} whose only edges are their alpha's")
     yield _worst_row(_results[64])
 
 

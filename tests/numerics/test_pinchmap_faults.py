@@ -95,3 +95,18 @@ def test_a_line_thinner_than_half_a_texel_is_reported():
     assert fitted.faults
     assert {fault.reason for fault in fitted.faults} <= {"too near", "too small"}
     assert sum(fault.pixels for fault in fitted.faults) <= fitted.mismatch * side.size + 0.5
+
+
+def test_an_x_of_two_strokes_and_a_t_are_junctions_whatever_the_angle():
+    """Strokes thinner than half a texel: their sides are too near to each other along them, but not where they meet."""
+    for turn in (0, 17, 45, 71):
+        assert reason(strokes(np.add([0, 90, 180, 270], turn), 8)) == "junction"
+        assert reason(strokes(np.add([0, 90, 180], turn), 8)) == "junction"
+        assert reason(1 - strokes(np.add([0, 90, 180], turn), 8)) == "junction"
+
+
+def test_only_where_the_bars_meet_is_a_junction():
+    plus = strokes([0, 90, 180], 8)
+    wrong = spot(plus, 100, 100) | spot(plus, 40, 100) | spot(plus, 100, 170)
+    found = {(round(fault.x), round(fault.y)): fault.reason for fault in find_faults(plus, wrong, CELL)}
+    assert found == {(100, 100): "junction", (40, 100): "too near", (100, 170): "too near"}
