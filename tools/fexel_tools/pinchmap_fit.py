@@ -37,7 +37,7 @@ __all__ = ["Fault", "PinchmapFit", "fit"]
 
 _UNITS = {8: 1 / 127, 16: 1 / 32767, 32: 1 / 32767}
 _MOST_PIXELS, _FEWEST_PIXELS = 64, 8  # along a cell, of the image that is fitted
-_FREE_TRIALS, _TRIALS = 3, 7  # of the search without and with a mask, per cell with an error
+_FREE_TRIALS, _TRIALS = 1.5, 3.5  # of the search without and with a mask, per cell with an error
 _MOST_TRIALS = 15_000  # about three seconds; only maps with edges in thousands of cells ask for more
 _MASK_SHARE = 0.2  # of the trials
 _FREE_UNIT = 1 / 127
