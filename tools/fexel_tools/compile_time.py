@@ -13,12 +13,12 @@ from numba.core import event
 
 from fexel_tools.progress import Progress, silent
 
-__all__ = ["CompileTime", "compile_time"]
+__all__ = ["CompilationTime", "compile_time"]
 
 _STEP = "compiling, once per installation"
 
 
-class CompileTime(event.Listener):
+class CompilationTime(event.Listener):
     """Adds up the time of compilations; those within others count once. What is loaded from disk counts nothing."""
 
     def __init__(self, progress: Progress = silent) -> None:
@@ -43,7 +43,7 @@ class CompileTime(event.Listener):
 
 
 @contextmanager
-def compile_time(progress: Progress = silent) -> Iterator[CompileTime]:
+def compile_time(progress: Progress = silent) -> Iterator[CompilationTime]:
     """Watch what is compiled inside; a bar is drawn if it is anything.
 
     Examples
@@ -53,6 +53,6 @@ def compile_time(progress: Progress = silent) -> Iterator[CompileTime]:
     >>> compiling.seconds
     0.0
     """
-    listener = CompileTime(progress)
+    listener = CompilationTime(progress)
     with event.install_listener("numba:compile", listener):
         yield listener

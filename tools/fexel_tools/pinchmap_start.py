@@ -221,7 +221,7 @@ def _assemble(points, g, repeat_t, repeat_s, nearest, farthest, power, normal, p
 
 @_compiled
 def _relax(normal, right_side, g, low, high, repeat_t, repeat_s, sweeps, over):
-    """Projected Gauss-Seidel with over-relaxation, to and fro."""
+    """Projected Gauss-Seidel with over-relaxation, forwards and backwards in turn."""
     nh, nw = g.shape
     for turn in range(sweeps):
         for i in range(nh):
