@@ -175,3 +175,9 @@ def test_nothing_is_advised_where_the_pinchmap_is_exact():
     item = PinchmapItem("f", 8, 9, 1.0, 0.0, 0.0, 0.0, 100.0, 0.0, "s", (8, 8), (8, 8), (8, 8), plain_psnr_db=100.0)
     assert describe_blur(item) == ""
     assert "--regions auto" in describe_blur(replace(item, psnr_db=30.0, plain_psnr_db=29.0))
+
+
+def test_a_map_without_any_line_is_said_even_when_nothing_was_measured():
+    item = PinchmapItem("f", 8, 9, None, 0.0, None, None, None, 0.0, "s", (8, 8), (8, 8), (8, 8))
+    assert describe_blur(item) == ""
+    assert "nothing is sharp" in describe_blur(replace(item, has_lines=False))

@@ -216,6 +216,7 @@ def _item(pinchmap: Pinchmap, file: str, out: str | Path, nbytes: int, measured:
         signal=(pinchmap.signal.shape[1], pinchmap.signal.shape[0]),
         source=(width, height),
         faults=pinchmap.fit.faults,
+        has_lines=bool(pinchmap.fit.mask.any() and not pinchmap.fit.mask.all()),
         suggested_size=suggested_size(source.side, pinchmap.fit.faults, pinchmap.size, pinchmap.texel_px),
     )
     if not measured:

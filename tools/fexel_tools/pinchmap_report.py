@@ -54,6 +54,7 @@ class PinchmapItem:
     plain_psnr_db: float | None = None
     faults: tuple[Fault, ...] = ()
     phases: dict[str, float] = field(default_factory=dict)
+    has_lines: bool = True
 
     def as_json(self) -> dict:
         """The file's entry."""
@@ -132,6 +133,8 @@ def describe_faults(file: str, faults: Sequence[Fault], suggested_size: int | No
 
 def describe_blur(item: PinchmapItem) -> str:
     """A line for a picture of which a plain texture shows nearly as much, because its edges lie inside; else ''."""
+    if not item.has_lines:
+        return f"{item.file}: nothing is sharp, since its alpha has no line to follow; --regions auto may find edges"
     if item.psnr_db is None or item.plain_psnr_db is None or item.psnr_db > item.plain_psnr_db + _LITTLE_GAIN_DB:
         return ""
     if item.mismatch > _LINES_FIT or item.psnr_db >= BEST_PSNR_DB:  # the lines themselves fall short, or nothing does
