@@ -1,7 +1,7 @@
 """A kind with data of its own in a page, an image and a constant; its name alone brings it everywhere that kinds are.
 
 As umbrellas will: a table of numbers that no file holds is read by the kind's own `TexelReader` into a float page, and
-multiplies an image. Rendered alone, in a zipmap and beside a pinchmap; baked; described; validated; demonstrated.
+multiplies an image. Rendered alone and in a zipmap; baked; described; validated; demonstrated.
 """
 
 import importlib.machinery
