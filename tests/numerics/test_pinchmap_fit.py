@@ -341,3 +341,15 @@ def test_a_small_thing_in_a_large_image_is_fitted_at_the_cost_of_its_window():
     fitted = fit(side, (24, 24), window=window)
     assert_sound(fitted, side)
     assert fitted.mismatch == 0
+
+
+@pytest.mark.parametrize("shape", [(4, 4), (5, 6), (3, 8)])
+def test_the_search_of_a_small_repeating_map_counts_every_cell_once(rng, shape):
+    """Its window of 7 x 7 cells is wider than the map."""
+    plus = (rng.random((40, 40)) < 0.5).astype(np.uint8)
+    lattice = lattice_of(plus, shape, (True, True), (0, 0, 40, 40))
+    mask, locked = np.ones(shape, np.uint8), np.zeros(shape, np.uint8)
+    levels, errors = rng.uniform(-0.5, 0.5, shape), np.zeros(shape, np.int64)
+    before = cell_errors(lattice, levels, errors)
+    left = pinchmap_fit.search(lattice, mask, mask, levels, errors, locked, 1 / 127, 8 / 127, 300, 0.0, 1)
+    assert left == errors.sum() == cell_errors(lattice, levels, np.zeros(shape, np.int64)) <= before

@@ -132,6 +132,12 @@ def exchange(m, g, errors, other, size):
 
 
 @_compiled
+def _extent(n, repeat):
+    """Rows or columns of the window that a trial can change: a small map that repeats has each of its own once."""
+    return min(7, n) if repeat else 7
+
+
+@_compiled
 def _wrapped(i, n, repeat):
     """Index of a row or column, or -1 where there is none."""
     if 0 <= i < n:
@@ -155,6 +161,7 @@ def search(m, mask, active, g, errors, locked, unit, coarse, trials, mask_share,
     saved_mask, saved_active = np.empty((7, 7), mask.dtype), np.empty((7, 7), active.dtype)
     cells, each, stale = np.empty((4, 2), np.int64), np.empty(4, np.int64), np.empty((8, 8), np.uint8)
     total = cell_errors(m, g, errors)
+    high, wide = _extent(nh, m.repeat_t), _extent(nw, m.repeat_s)
     weight = 0.0
     for trial in range(trials):
         if trial % 64 == 0:
@@ -168,9 +175,9 @@ def search(m, mask, active, g, errors, locked, unit, coarse, trials, mask_share,
         r, c = cell // nw, cell % nw
         # The cells and texels [r - 3, r + 4) x [c - 3, c + 4) are all that a trial can change.
         before = 0
-        for i in range(7):
+        for i in range(high):
             row = _wrapped(r - 3 + i, nh, m.repeat_t)
-            for j in range(7):
+            for j in range(wide):
                 column = _wrapped(c - 3 + j, nw, m.repeat_s)
                 if row >= 0 and column >= 0:
                     saved_g[i, j], saved_mask[i, j] = g[row, column], mask[row, column]
@@ -187,9 +194,9 @@ def search(m, mask, active, g, errors, locked, unit, coarse, trials, mask_share,
             if good:
                 total += after - before
         if not good:
-            for i in range(7):
+            for i in range(high):
                 row = _wrapped(r - 3 + i, nh, m.repeat_t)
-                for j in range(7):
+                for j in range(wide):
                     column = _wrapped(c - 3 + j, nw, m.repeat_s)
                     if row >= 0 and column >= 0:
                         g[row, column], mask[row, column] = saved_g[i, j], saved_mask[i, j]
@@ -279,9 +286,9 @@ def _settle(m, mask, active, g, errors, r, c, unit, coarse, cells, each, stale):
         if gain == 0:
             break
     after = 0
-    for i in range(-3, 4):
+    for i in range(-3, _extent(nh, m.repeat_t) - 3):
         row = _wrapped(r + i, nh, m.repeat_t)
-        for j in range(-3, 4):
+        for j in range(-3, _extent(nw, m.repeat_s) - 3):
             column = _wrapped(c + j, nw, m.repeat_s)
             if row >= 0 and column >= 0:
                 after += errors[row, column]
