@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pxr import Sdf
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 BLENDER_PACKAGE = "bpy==5.0.1"  # the last release for Python 3.11
@@ -20,8 +21,26 @@ INSTALL_LIMIT_S = 300
 @pytest.fixture
 def hand_written_stage(tmp_path):
     """The wall of ``hand_written/`` with its textures: root red, detail blue, fallback green with a blue centre."""
+    return hand_written(tmp_path) / "wall.usda"
+
+
+@pytest.fixture(params=["usda", "usdc"])
+def hand_written_ground(tmp_path, request):
+    """The ground of ``hand_written/``, with the same textures; its arrays in a layer beside it, as text or binary."""
+    folder = hand_written(tmp_path)
+    ground, arrays = folder / "ground.usda", folder / "arrangement.usda"
+    if request.param == "usdc":
+        Sdf.Layer.FindOrOpen(str(arrays)).Export(str(arrays.with_suffix(".usdc")))
+        arrays.unlink()
+        text = ground.read_text(encoding="utf-8").replace(arrays.name, f"{arrays.stem}.usdc")
+        ground.write_text(text, encoding="utf-8")
+    return ground
+
+
+def hand_written(parent: Path) -> Path:
+    """A copy of ``hand_written/`` below `parent`, its textures painted."""
     image_io = pytest.importorskip("OpenImageIO")
-    folder = tmp_path / "hand_written"
+    folder = parent / "hand_written"
     shutil.copytree(Path(__file__).parent / "hand_written", folder)
     (folder / "textures").mkdir(exist_ok=True)
     fallback = np.full((64, 64, 3), (40, 160, 60), np.uint8)
@@ -34,7 +53,7 @@ def hand_written_stage(tmp_path):
     for name, pixels in images.items():
         buffer = image_io.ImageBuf(np.ascontiguousarray(pixels))
         assert buffer.write(str(folder / "textures" / f"{name}.png")), buffer.geterror()
-    return folder / "wall.usda"
+    return folder
 
 
 @pytest.fixture(scope="session")

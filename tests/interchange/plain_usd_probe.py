@@ -3,9 +3,10 @@
 import json
 import sys
 
-from pxr import Usd, UsdShade, UsdValidation
+from pxr import Sdf, Usd, UsdShade, UsdValidation
 
-TEXTURES = ("ZipmapTexture", "PinchmapTexture")
+TEXTURES = ("ZipmapTexture", "PinchmapTexture", "UmbrellaTexture")
+PARTS = ("UmbrellaPatch", "UmbrellaLevel")
 COLOUR_INPUTS = (
     "diffuseColor",
     "emissiveColor",
@@ -21,6 +22,7 @@ def probe(path):
     report = {
         "modules": [name for name in sys.modules if name.startswith("fexel")],
         "textures": {},
+        "parts": {},
         "materials": {},
     }
     for prim in stage.TraverseAll():
@@ -29,10 +31,18 @@ def probe(path):
                 "schema": str(prim.GetPrimTypeInfo().GetSchemaTypeName()),
                 "is_node_graph": bool(prim.IsA(UsdShade.NodeGraph)),
             }
+        if prim.GetTypeName() in (*TEXTURES, *PARTS):
+            arrays = {a.GetName(): len(a.Get()) for a in prim.GetAuthoredAttributes() if a.GetTypeName().isArray}
+            report["parts"][str(prim.GetPath())] = {"arrays": arrays, "files": resolved_files(prim)}
         if prim.IsA(UsdShade.Material):
             report["materials"][str(prim.GetPath())] = material_report(UsdShade.Material(prim))
     report["validation"] = validation_errors(stage)
     return report
+
+
+def resolved_files(prim):
+    values = [a.Get() for a in prim.GetAuthoredAttributes() if a.GetTypeName() == Sdf.ValueTypeNames.Asset]
+    return [value.resolvedPath for value in values if value and value.path]
 
 
 def material_report(material):

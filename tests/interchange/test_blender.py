@@ -1,4 +1,4 @@
-"""A stage with zipmaps or pinchmaps imports into Blender and shows its fallback image there."""
+"""A stage with zipmaps, pinchmaps or umbrellas imports into Blender and shows its fallback image there."""
 
 from __future__ import annotations
 
@@ -86,7 +86,20 @@ def test_hand_written_stage_shows_its_fallback_in_blender(blender_python, hand_w
     fallback = str(hand_written_stage.parent / "textures" / "fallback.png")
     assert base_color_images(report) == {"Photo": fallback}
     assert report["meshes"] == {"Wall": ["Photo"]}
-    # Green rim and blue centre, where the root's file is red: a wrong file or an unbound material cannot pass.
+    check_green_with_a_blue_centre(albedo)
+
+
+def test_hand_written_umbrellas_show_their_fallback_in_blender(blender_python, hand_written_ground, tmp_path):
+    """Beside patches and levels, of types that Blender does not know, in a layer of their own."""
+    report, albedo = import_into_blender(blender_python, hand_written_ground, tmp_path)
+    fallback = str(hand_written_ground.parent / "textures" / "fallback.png")
+    assert base_color_images(report) == {"Leaves": fallback}
+    assert report["meshes"] == {"Ground": ["Leaves"]}
+    check_green_with_a_blue_centre(albedo)
+
+
+def check_green_with_a_blue_centre(albedo: np.ndarray) -> None:
+    """Where the root's file is red: a wrong file or an unbound material cannot pass."""
     # Blender's albedo of a Principled BSDF is the base colour to about 2 %.
     np.testing.assert_allclose(
         albedo[2:6, 2:6].mean((0, 1)),

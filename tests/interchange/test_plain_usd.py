@@ -1,4 +1,4 @@
-"""Stages open in stock usd-core: without our plugin every zipmap and pinchmap is a NodeGraph with a colour."""
+"""Stages open in stock usd-core: without our plugin every texture of fexel is a NodeGraph with a colour."""
 
 from __future__ import annotations
 
@@ -9,6 +9,9 @@ import sys
 from pathlib import Path
 
 import pytest
+from pxr import Usd
+
+import fexel
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 STAGES = sorted(p for p in (REPOSITORY / "stages").glob("*/*.usd*") if p.stem == p.parent.name)
@@ -38,6 +41,8 @@ def check_interchange(report: dict) -> None:
         assert texture == {"schema": "NodeGraph", "is_node_graph": True}, path
     sources = [(path, name, source) for path, m in report["materials"].items() for name, source in m["inputs"].items()]
     assert sources, "no material has a textured input"
+    for path, part in report["parts"].items():
+        assert all(Path(file).is_file() for file in part["files"]), path
     for path, name, source in sources:
         where = f"{path}.{name}"
         assert source["id"] == "UsdUVTexture", where
@@ -54,6 +59,28 @@ def test_hand_written_stage_opens_as_node_graph_with_a_resolvable_colour(
     check_interchange(report)
     source = report["materials"]["/World/Looks/Photo"]["inputs"]["diffuseColor"]
     assert Path(source["resolved"]) == hand_written_stage.parent / "textures" / "fallback.png"
+
+
+def test_umbrellas_open_as_node_graph_and_their_arrays_are_read(hand_written_ground):
+    """Patches and levels are prims of types that nobody knows; what they hold is there all the same."""
+    report = probe_without_plugin(hand_written_ground)
+    check_interchange(report)
+    texture = "/World/Looks/Leaves/Umbrellas"
+    arrays = {path.removeprefix(f"{texture}/"): part["arrays"] for path, part in report["parts"].items()}
+    assert arrays[texture] == {"patchIndices": 3, "matrices": 3, "morphs": 3, "colors": 14}
+    assert arrays["Square"] == {"points": 5, "morphPoints": 5, "texCoords": 5}
+    assert arrays["Triangle"] == {"points": 4, "texCoords": 4}
+    assert arrays["Merged"]["points"] == 4
+    assert arrays["Image"] == {}
+
+
+def test_umbrellas_read_the_same_with_the_plugin(hand_written_ground):
+    """The other reading: as typed prims, without a finding of any validator."""
+    stage = Usd.Stage.Open(str(hand_written_ground))
+    umbrella = fexel.UmbrellaTexture.Get(stage, "/World/Looks/Leaves/Umbrellas")
+    assert [patch.GetPrim().GetName() for patch in umbrella.GetPatches()] == ["Square", "Triangle"]
+    assert [level.GetLevelAttr().Get() for level in umbrella.GetLevels()] == [1, 2]
+    assert [str(finding) for finding in fexel.validate(stage)] == []
 
 
 @pytest.mark.parametrize("stage", STAGES, ids=IDS)
