@@ -35,7 +35,7 @@ from fexel_tools.fallback_coordinates import READER_NAME, author_coordinates
 from fexel_tools.image_files import write_image
 from fexel_tools.texture_files import encode
 
-__all__ = ["FALLBACK_NAME", "READER_NAME", "author", "bake", "write_fallback"]
+__all__ = ["FALLBACK_NAME", "READER_NAME", "author", "bake", "write_fallback", "write_picture"]
 
 FALLBACK_NAME = "Fallback"
 _EIGHT_BIT = (".png", ".jpg", ".jpeg")
@@ -106,7 +106,7 @@ def write_fallback(
         path = path.with_suffix(".exr")
     elif storage.color_space == "raw":
         path = path.with_suffix(".png")
-    _write(path, baker.bake(*baker.size(size)), storage.color_space, storage.dtype)
+    write_picture(path, baker.bake(*baker.size(size)), storage.color_space, storage.dtype)
     author(texture_prim, path, color_space=storage.color_space, scale=storage.scale, bias=storage.bias)
     return path
 
@@ -160,8 +160,23 @@ def _baker(texture_prim: Usd.Prim, size: int, time: Usd.TimeCode | float | None)
     return texture_baker(kind, data, str(texture_prim.GetPath()))
 
 
-def _write(path: Path, rgba: np.ndarray, color_space: str, dtype: str) -> None:
-    """Write beside and rename; alpha is left out where the whole picture is opaque, and in JPEG."""
+def write_picture(path: Path, rgba: np.ndarray, color_space: str, dtype: str) -> None:
+    """Write a baked picture beside and rename; alpha is left out where the whole picture is opaque, and in JPEG.
+
+    Parameters
+    ----------
+    path : Path
+        Its extension chooses the format.
+    rgba : (H, W, 4) float32
+        Linear (or data), premultiplied.
+    color_space, dtype : str
+        As `fexel_tools.baking.Storage`.
+
+    Raises
+    ------
+    FexelError
+        The file cannot be written.
+    """
     opaque = bool((rgba[:, :, 3] > 1 - 0.5 / 255).all())
     channels = 3 if opaque or path.suffix.lower() in (".jpg", ".jpeg") else 4
     if dtype == "half":

@@ -6,6 +6,8 @@ it through UsdTransform2d nodes, those too, with their time samples.
 
 from __future__ import annotations
 
+import itertools
+
 from pxr import Sdf, Usd, UsdShade
 
 from fexel.scene.sampling import Faults, Sampler
@@ -23,12 +25,14 @@ _TRANSFORM_INPUTS = {
 _DEEPEST = 64  # nodes followed before a network counts as circular
 
 
-def author_coordinates(texture_prim: Usd.Prim) -> UsdShade.Output:
-    """Author the nodes inside a texture prim on the stage's edit target.
+def author_coordinates(texture_prim: Usd.Prim, beside: bool = False) -> UsdShade.Output:
+    """Author the nodes inside a texture prim, or beside it, on the stage's edit target.
 
     Parameters
     ----------
     texture_prim : Usd.Prim
+    beside : bool
+        Siblings of the texture, their names beginning with its own, instead of children.
 
     Returns
     -------
@@ -40,16 +44,27 @@ def author_coordinates(texture_prim: Usd.Prim) -> UsdShade.Output:
     FexelWarning
         A connection that leads nowhere.
     """
-    stage, base = texture_prim.GetStage(), texture_prim.GetPath()
+    stage = texture_prim.GetStage()
     primvar, transforms = _source(texture_prim)
-    reader = UsdShade.Shader.Define(stage, base.AppendChild(READER_NAME))
+    reader = UsdShade.Shader.Define(stage, _node_path(texture_prim, READER_NAME, beside))
     reader.CreateIdAttr("UsdPrimvarReader_float2")
     reader.CreateInput("varname", Sdf.ValueTypeNames.String).Set(primvar)
     result = reader.CreateOutput("result", Sdf.ValueTypeNames.Float2)
     for number, source in enumerate(reversed(transforms), 1):  # from the reader on
         name = f"{_TRANSFORM_NAME}{number if number > 1 else ''}"
-        result = _copy_transform(source, UsdShade.Shader.Define(stage, base.AppendChild(name)), result)
+        node = UsdShade.Shader.Define(stage, _node_path(texture_prim, name, beside))
+        result = _copy_transform(source, node, result)
     return result
+
+
+def _node_path(texture_prim: Usd.Prim, name: str, beside: bool) -> Sdf.Path:
+    """Where a node goes; beside the texture a name that is free."""
+    if not beside:
+        return texture_prim.GetPath().AppendChild(name)
+    stage, parent = texture_prim.GetStage(), texture_prim.GetPath().GetParentPath()
+    stem = texture_prim.GetName() + name.removeprefix("Fallback")
+    numbered = (f"{stem}{number}" if number > 1 else stem for number in itertools.count(1))
+    return next(path for path in map(parent.AppendChild, numbered) if not stage.GetPrimAtPath(path))
 
 
 def _source(texture_prim: Usd.Prim) -> tuple[str, list[Usd.Prim]]:

@@ -15,7 +15,7 @@ import typer
 
 __all__ = ["app", "main"]
 
-_COMMANDS = ("render", "zipmap", "pinchmap", "info", "validate", "unwrap", "plugin_path")
+_COMMANDS = ("render", "zipmap", "pinchmap", "umbrella", "bake", "info", "validate", "unwrap", "plugin_path")
 _INTERRUPTED = 130  # 128 + SIGINT, as a shell reports it
 
 app = typer.Typer(
