@@ -1,6 +1,6 @@
 """Run by Blender's Python: imports a stage headless, prints its materials as JSON, renders the albedo with Cycles.
 
-usage: python blender_probe.py STAGE ALBEDO.exr
+usage: python blender_probe.py STAGE ALBEDO.exr [MESH]
 """
 
 import json
@@ -32,17 +32,24 @@ def load_images():
     return {bpy.path.abspath(image.filepath): list(image.size) for image in bpy.data.images if image.filepath}
 
 
-def add_front_camera(scene):
-    """Orthographic, looking along the stage's -Z (Blender's +Y) at everything that was imported."""
-    corners = [o.matrix_world @ Vector(c) for o in scene.objects if o.type == "MESH" for c in o.bound_box]
+def add_camera(scene, mesh):
+    """Orthographic, at `mesh`, or at everything that was imported: from the front, at what lies flat from above.
+
+    The front looks along the stage's -Z (Blender's +Y), from above is along its -Y (Blender's -Z).
+    """
+    shown = [o for o in scene.objects if o.type == "MESH" and o.name == mesh]
+    shown = shown or [o for o in scene.objects if o.type == "MESH"]
+    corners = [o.matrix_world @ Vector(c) for o in shown for c in o.bound_box]
     low = Vector(min(c[i] for c in corners) for i in range(3))
     high = Vector(max(c[i] for c in corners) for i in range(3))
-    camera = bpy.data.objects.new("Front", bpy.data.cameras.new("Front"))
+    middle, size = (low + high) / 2, high - low
+    lies = size.z < 1e-3 * max(size.x, size.y)
+    camera = bpy.data.objects.new("View", bpy.data.cameras.new("View"))
     camera.data.type = "ORTHO"
-    camera.data.ortho_scale = max(high.x - low.x, high.z - low.z)
-    depth = high.y - low.y
-    camera.location = ((low.x + high.x) / 2, low.y - depth - 1.0, (low.z + high.z) / 2)
-    camera.rotation_euler = (1.5707963267948966, 0.0, 0.0)
+    camera.data.ortho_scale = max(size.x, size.y if lies else size.z)
+    depth = size.z if lies else size.y
+    camera.location = (middle.x, middle.y, high.z + depth + 1) if lies else (middle.x, low.y - depth - 1, middle.z)
+    camera.rotation_euler = (0.0 if lies else 1.5707963267948966, 0.0, 0.0)
     camera.data.clip_end = 2 * depth + 10.0
     scene.collection.objects.link(camera)
     scene.camera = camera
@@ -68,7 +75,7 @@ def render_albedo(scene, path):
     bpy.ops.render.render(write_still=True)
 
 
-def main(stage, albedo):
+def main(stage, albedo, mesh=""):
     bpy.ops.wm.read_factory_settings(use_empty=True)
     if bpy.ops.wm.usd_import(filepath=stage, import_lights=False, import_cameras=False) != {"FINISHED"}:
         sys.exit("usd_import did not finish")
@@ -85,9 +92,9 @@ def main(stage, albedo):
             o.name: [s.material.name for s in o.material_slots if s.material] for o in scene.objects if o.type == "MESH"
         },
     }
-    add_front_camera(scene)
+    add_camera(scene, mesh)
     render_albedo(scene, albedo)
     print("REPORT " + json.dumps(report))
 
 
-main(*sys.argv[1:3])
+main(*sys.argv[1:4])

@@ -14,12 +14,12 @@ STAGES = sorted(p for p in (REPOSITORY / "stages").glob("*/*.usd*") if p.stem ==
 IDS = [path.stem for path in STAGES]
 
 
-def import_into_blender(python: Path, stage: Path, folder: Path) -> tuple[dict, np.ndarray]:
-    """Report of `blender_probe` and the rendered albedo, (32, 32, 3) float32, linear."""
+def import_into_blender(python: Path, stage: Path, folder: Path, mesh: str = "") -> tuple[dict, np.ndarray]:
+    """Report of `blender_probe` and the rendered albedo of a mesh, or all, (32, 32, 3) float32, linear."""
     albedo = folder / "albedo.exr"
     script = Path(__file__).with_name("blender_probe.py")
     done = subprocess.run(
-        [str(python), str(script), str(stage), str(albedo)],
+        [str(python), str(script), str(stage), str(albedo), mesh],
         capture_output=True,
         text=True,
         timeout=180,
@@ -115,7 +115,7 @@ def check_green_with_a_blue_centre(albedo: np.ndarray) -> None:
 
 @pytest.mark.parametrize("stage", STAGES, ids=IDS)
 def test_example_stage_shows_its_fallback_in_blender(blender_python, stage, tmp_path):
-    report, albedo = import_into_blender(blender_python, stage, tmp_path)
+    report, albedo = import_into_blender(blender_python, stage, tmp_path, GROUNDS.get(stage.stem, ""))
     images = base_color_images(report) | normal_map_images(report)
     bound = {name for names in report["meshes"].values() for name in names}
     assert images.keys() & bound, "no mesh has a material whose Base Color or Normal is an image"
@@ -136,7 +136,10 @@ def test_example_stage_shows_its_fallback_in_blender(blender_python, stage, tmp_
         check_picture(albedo, stage)
 
 
-# Stages of one rectangle, which the probe's camera sees from the front: fallback image, and rows of its 32 pixels.
+# Grounds that go on as far as the horizon: the mesh to look at.
+GROUNDS = dict.fromkeys(("umbrella_citrus", "umbrella_flowers", "umbrella_leaves", "umbrella_sweets"), "Surface")
+
+# Stages of a rectangle, seen from the front or above: fallback image, and rows of its 32 pixels.
 PICTURES = {
     "pinchmap_lines": ("textures/boat/fallback.png", 24),
     "pinchmap_in_zipmap": ("textures/fallback.jpg", 32),
