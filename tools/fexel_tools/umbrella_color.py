@@ -1,0 +1,278 @@
+"""Colour diversification: signed offsets at the vertices of every modified umbrella (the paper's section 4.2).
+
+The colours come from references of the same kind: other bases, or photos given for that. What is transferred is low
+frequency: the mean colour around points along every spoke, in Oklab (Ottosson, A perceptual color space for image
+processing, 2020; by colour-science), from the point of the reference in the same direction and at the same share of the
+way to its contour, after the reference has been turned onto the base. Mean and spread become the reference's, partly
+with its own pattern, partly with the base's (after Reinhard et al., Color transfer between images, 2001); detail stays
+the base's. Each set of colours mixes two references.
+
+An offset is what is to be added in linear light, so that the neighbourhood of a point has the wanted mean (notes U1:
+``c = clamp(c_texture + f c_vertices)``). Since the offsets of a sector are interpolated linearly from its centre, they
+are fitted along the spokes by least squares, and limited where more than about a tenth of the texels would be clipped.
+
+Storage: umbrellas of a base share its sets, `ColorOptions.sets` at most; values are multiples of 1/256.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from fexel.errors import FexelError
+from fexel_tools.umbrella_arrange import random_stream
+from fexel_tools.umbrella_base import BaseUmbrella
+from fexel_tools.umbrella_correspondence import Outline, best_turn
+
+__all__ = ["ColorOptions", "color_offsets", "color_sets"]
+
+_SIDE = 64  # texels on the longer side of the image whose local means are taken
+_LOCAL = 0.06  # of that side: standard deviation of a neighbourhood
+_SHARES = np.array([0.15, 0.4, 0.65, 0.9])  # of the way from the centre to a vertex: where colours are compared
+_PATTERN = 0.7  # share of the reference's own pattern of colours; the rest is the base's, with the reference's spread
+_SPREAD = (0.5, 2.0)  # factor on the base's spread at most
+_BEYOND = 0.15  # how far a mixture may lie beyond its two references, as a share of their difference
+_SMOOTH = 0.03  # of the perimeter: standard deviation of the smoothing along the contour
+_TENTH = 1.28  # standard deviations beyond which a tenth of a normal distribution lies
+_KEPT = 0.25  # of the way to black or white that an offset may always go
+_OWN_SPREAD = 1.2  # standard deviations of its own colours that a lone base varies by
+_MOST_REFERENCES = 16  # per base, drawn by the seed
+_QUANTUM = 1.0 / 256.0
+
+
+@dataclass(frozen=True)
+class ColorOptions:
+    """How colours vary.
+
+    Attributes
+    ----------
+    amount : float
+        Share of the way to the references' colours, in [0, 1]. 0: colours do not vary.
+    sets : int
+        Different sets of colours per base.
+    seed : int
+    """
+
+    amount: float = 1.0
+    sets: int = 256
+    seed: int = 0
+
+
+def color_offsets(
+    bases: Sequence[BaseUmbrella],
+    shape_of: NDArray[np.int32],
+    options: ColorOptions,
+    references: Sequence[BaseUmbrella] = (),
+) -> NDArray[np.float32]:
+    """Offsets of all umbrellas of an arrangement.
+
+    Parameters
+    ----------
+    bases : sequence of BaseUmbrella
+    shape_of : (n,) int32
+        Base of each umbrella, front to back.
+    options : ColorOptions
+    references : sequence of BaseUmbrella
+        Elements whose colours are taken; none: the other bases, or a lone base's own variation.
+
+    Returns
+    -------
+    (total, 3) float32
+        As `Arrangement.colors`: per umbrella and vertex, centre first; linear Rec.709, in [-1, 1]. (0, 3) where
+        the amount is 0.
+
+    Raises
+    ------
+    FexelError
+        Options out of range.
+    """
+    if not 0.0 <= options.amount <= 1.0:
+        raise FexelError(f"--color-amount: {options.amount:g}, expected a number in [0, 1]")
+    if options.sets < 1:
+        raise FexelError(f"--color-sets: {options.sets}, expected at least 1")
+    if options.amount == 0.0 or not len(shape_of):
+        return np.zeros((0, 3), np.float32)
+    counts = np.array([len(base.points) for base in bases])[shape_of]
+    first = np.concatenate([[0], np.cumsum(counts)])
+    offsets = np.zeros((int(first[-1]), 3), np.float32)
+    looks = _Looks()
+    for number, base in enumerate(bases):
+        users = np.flatnonzero(shape_of == number)
+        rng = random_stream(options.seed, f"color {number}")
+        others = references or [other for other in bases if other is not base]
+        sets = _sets(base, others, min(options.sets, len(users)), options.amount, rng, looks)
+        chosen = rng.permutation(np.arange(len(users)) % max(len(sets), 1))  # each set about as often
+        offsets[first[users][:, None] + np.arange(len(base.points))] = sets[chosen]
+    return offsets
+
+
+def color_sets(
+    base: BaseUmbrella, references: Sequence[BaseUmbrella], count: int, options: ColorOptions
+) -> NDArray[np.float32]:
+    """(count, V, 3) sets of offsets for one base, see `color_offsets`; without references its own variation."""
+    return _sets(base, references, count, options.amount, random_stream(options.seed, "color"), _Looks())
+
+
+@dataclass(frozen=True, eq=False)
+class _Look:
+    """Colours of an element at low frequency: mean and deviation of each neighbourhood, linear, (h, w, 3) float32."""
+
+    mean: NDArray[np.float32]
+    deviation: NDArray[np.float32]
+
+
+class _Looks(dict[int, _Look]):
+    """Of each base, made once."""
+
+    def of(self, base: BaseUmbrella) -> _Look:
+        if id(base) not in self:
+            self[id(base)] = _look(base)
+        return self[id(base)]
+
+
+def _look(base: BaseUmbrella) -> _Look:
+    height, width = base.texture.shape[:2]
+    inside = np.zeros((height, width), np.uint8)
+    contour = base.tex_coords[1:] * (width, -height) + (0.0, height) - 0.5
+    cv2.fillPoly(inside, [np.rint(contour * 16.0).astype(np.int32)], 255, shift=4)
+    weight = base.texture[:, :, 3] * (inside > 0)
+    color = np.clip(np.nan_to_num(base.texture[:, :, :3]), 0.0, 1.0)  # the sum of texture and offset is clamped too
+    step = max(1.0, max(height, width) / _SIDE)
+    size = max(1, round(width / step)), max(1, round(height / step))
+    planes = np.dstack([color * weight[:, :, None], color * color * weight[:, :, None], weight])
+    sigma = _LOCAL * max(size)
+    planes = cv2.GaussianBlur(cv2.resize(planes, size, interpolation=cv2.INTER_AREA), (0, 0), sigma)
+    whole = planes.reshape(-1, 7).sum(axis=0)
+    # 1e-3 of the mean: far from all texels that count, the whole's colour
+    planes = planes + 1e-3 * whole / max(float(whole[6]), 1e-12)
+    mean, square = (planes[:, :, i : i + 3] / planes[:, :, 6:] for i in (0, 3))
+    return _Look(mean, np.sqrt(np.maximum(square - mean * mean, 0.0)))
+
+
+def _sets(
+    base: BaseUmbrella,
+    references: Sequence[BaseUmbrella],
+    count: int,
+    amount: float,
+    rng: np.random.Generator,
+    looks: _Looks,
+) -> NDArray[np.float32]:
+    look, spokes = looks.of(base), _spokes(base.tex_coords[:1], base.tex_coords[1:])
+    mean, deviation = _sampled(look.mean, spokes), _sampled(look.deviation, spokes)
+    own = _to_oklab(mean)
+    if len(references) > _MOST_REFERENCES:
+        references = [references[i] for i in rng.permutation(len(references))[:_MOST_REFERENCES]]
+    targets = [own] + [_transferred(own, _seen_from(base, other, looks)) for other in references]
+    if not references:
+        targets += _own_variation(own, look, spokes)
+    mixed = _mixtures(np.stack(targets), count, rng)
+    wanted = _from_oklab(own + amount * (mixed - own)) - mean
+    fitted = _along_spokes(wanted, Outline(base.points[1:] - base.points[0]))
+    low, high = _limits(mean, deviation)
+    return (np.rint(np.clip(fitted, low, high) / _QUANTUM) * _QUANTUM).astype(np.float32)
+
+
+def _spokes(centre: NDArray[np.float64], ends: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(N, R, 2) points on the way from the centre to each of (N, 2) ends."""
+    return centre + _SHARES[:, None] * (ends - centre)[:, None, :]
+
+
+def _sampled(image: NDArray[np.float32], tex_coords: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(..., 3) bilinear, border continued."""
+    height, width = image.shape[:2]
+    at = (tex_coords * (width, -height) + (0.0, height) - 0.5).astype(np.float32)
+    flat = at.reshape(-1, 1, 2)
+    values = cv2.remap(image, flat[..., 0], flat[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return values.reshape(*at.shape[:-1], 3).astype(np.float64)
+
+
+def _seen_from(base: BaseUmbrella, other: BaseUmbrella, looks: _Looks) -> NDArray[np.float64]:
+    """(V - 1, R, 3) Oklab of the other element at the points that correspond to the base's spokes."""
+    own, contour = (umbrella.points[1:] - umbrella.points[0] for umbrella in (base, other))
+    turn = best_turn(own, contour)[0]
+    outline = Outline(contour)
+    arcs = outline.arcs_towards(np.arctan2(own[:, 1], own[:, 0]) - turn)
+    spokes = _spokes(other.tex_coords[:1], outline.at(arcs, other.tex_coords[1:]))
+    return _to_oklab(_sampled(looks.of(other).mean, spokes))
+
+
+def _transferred(own: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Mean and spread of the reference; its pattern, and in part the base's own."""
+    own_mean, other_mean = own.mean(axis=(0, 1)), other.mean(axis=(0, 1))
+    own_spread, other_spread = own.std(axis=(0, 1)), other.std(axis=(0, 1))
+    factor = np.clip(other_spread / np.maximum(own_spread, 1e-6), *_SPREAD)  # 1e-6: a base of one colour
+    return other_mean + _PATTERN * (other - other_mean) + (1.0 - _PATTERN) * factor * (own - own_mean)
+
+
+def _own_variation(own: NDArray[np.float64], look: _Look, spokes: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+    """The base lighter, darker, redder ... by as much as it varies within, along its principal axes in Oklab."""
+    brighter = _to_oklab(_sampled(look.mean + look.deviation, spokes))
+    values = np.concatenate([own, brighter, 2.0 * own - brighter]).reshape(-1, 3)
+    variances, axes = np.linalg.eigh(np.cov(values, rowvar=False))
+    shifts = _OWN_SPREAD * np.sqrt(np.maximum(variances, 0.0))[:, None] * axes.T
+    return [own + sign * shift for shift in shifts for sign in (1.0, -1.0)]
+
+
+def _mixtures(targets: NDArray[np.float64], count: int, rng: np.random.Generator) -> NDArray[np.float64]:
+    """(count, ...) mixtures of two targets each, all pairs about as often."""
+    pairs = np.array([(i, j) for i in range(len(targets)) for j in range(i)] or [(0, 0)])
+    pairs = pairs[rng.permutation(len(pairs))][np.arange(count) % len(pairs)]
+    share = (1.0 + 2.0 * _BEYOND) * rng.random(count) - _BEYOND
+    first, second = targets[pairs[:, 0]], targets[pairs[:, 1]]
+    return first + share[:, None, None, None] * (second - first)
+
+
+def _along_spokes(wanted: NDArray[np.float64], outline: Outline) -> NDArray[np.float64]:
+    """(S, V, 3) offsets of centre and contour whose interpolation is nearest to (S, V - 1, R, 3) wanted ones.
+
+    Least squares with the area that each sample stands for, which grows with its share of the way; the centre, which
+    all sectors have in common, first. Then smoothed along the contour.
+    """
+    weight = _SHARES / _SHARES.sum()
+    to_end, to_centre = weight * _SHARES, weight * (1.0 - _SHARES)
+    end_end, end_centre = to_end @ _SHARES, to_end @ (1.0 - _SHARES)
+    along_end, along_centre = to_end @ wanted, to_centre @ wanted  # (S, V - 1, 3)
+    arcs = _sector_arcs(outline)
+    reduced = along_centre - along_end * (end_centre / end_end)
+    centre = np.einsum("v,svc->sc", arcs, reduced) / (to_centre @ (1.0 - _SHARES) - end_centre**2 / end_end)
+    ends = (along_end - end_centre * centre[:, None]) / end_end
+    return np.concatenate([centre[:, None], _smoothing(outline) @ ends], axis=1)
+
+
+def _sector_arcs(outline: Outline) -> NDArray[np.float64]:
+    """(V - 1,) share of the perimeter that each corner stands for."""
+    steps = np.diff(outline.arcs)
+    return 0.5 * (steps + np.roll(steps, 1))
+
+
+def _smoothing(outline: Outline) -> NDArray[np.float64]:
+    """(V - 1, V - 1) Gaussian mean along the contour; rows sum to 1."""
+    apart = outline.arcs[:-1, None] - outline.arcs[None, :-1]
+    apart -= np.round(apart)
+    weights = np.exp(-0.5 * (apart / _SMOOTH) ** 2) * (_sector_arcs(outline) + 1e-9)  # 1e-9: corners that coincide
+    return weights / weights.sum(axis=1, keepdims=True)
+
+
+def _limits(mean: NDArray[np.float64], deviation: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
+    """(V, 3) lowest and highest offset that lets most texels around each vertex keep their detail."""
+    low = -np.maximum(mean - _TENTH * deviation, _KEPT * mean)
+    high = np.maximum(1.0 - mean - _TENTH * deviation, _KEPT * (1.0 - mean))
+    return tuple(np.concatenate([limit[:, :1].mean(axis=0), limit[:, 1:].mean(axis=1)]) for limit in (low, high))
+
+
+def _to_oklab(rgb: NDArray[np.float64]) -> NDArray[np.float64]:
+    import colour  # takes a second to import; only where colours vary
+
+    return colour.XYZ_to_Oklab(rgb @ colour.RGB_COLOURSPACES["sRGB"].matrix_RGB_to_XYZ.T)
+
+
+def _from_oklab(lab: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Linear Rec.709, clipped to [0, 1]."""
+    import colour
+
+    to_rgb = np.linalg.inv(colour.RGB_COLOURSPACES["sRGB"].matrix_RGB_to_XYZ)
+    return np.clip(colour.Oklab_to_XYZ(lab) @ to_rgb.T, 0.0, 1.0)
