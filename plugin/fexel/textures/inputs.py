@@ -29,14 +29,17 @@ class Inputs:
     ----------
     prim : Usd.Prim
     time : Usd.TimeCode
+    namespace : str
+        Of the attributes that are inputs; '' for prims that name theirs plainly, as those below a texture do.
     """
 
-    def __init__(self, prim: Usd.Prim, time: Usd.TimeCode) -> None:
+    def __init__(self, prim: Usd.Prim, time: Usd.TimeCode, namespace: str = "inputs:") -> None:
         self.prim = prim
+        self._namespace = namespace
         names = prim.GetAuthoredPropertyNames()
         self.names_filter = _FILTER in names
         self._attributes = {
-            name[7:]: _producer(prim.GetAttribute(name)) for name in names if name.startswith("inputs:")
+            name[len(namespace) :]: _producer(prim.GetAttribute(name)) for name in names if name.startswith(namespace)
         }
         self._values = {name: attribute.Get(time) for name, attribute in self._attributes.items() if attribute}
 
@@ -73,7 +76,9 @@ class Inputs:
         if math.isfinite(number) and number >= lowest:
             return number
         warn(
-            self.prim, f"inputs:{name}", f"is {number:g}, expected a finite value from {lowest:g}; {default:g} is used"
+            self.prim,
+            self._namespace + name,
+            f"is {number:g}, expected a finite value from {lowest:g}; {default:g} is used",
         )
         return default
 
@@ -84,7 +89,7 @@ class Inputs:
             return default
         values = tuple(float(v) for v in value)
         if not np.isfinite(values).all():
-            warn(self.prim, f"inputs:{name}", f"is {values}, expected finite values; {default} is used")
+            warn(self.prim, self._namespace + name, f"is {values}, expected finite values; {default} is used")
             return default
         return values
 
@@ -94,7 +99,7 @@ class Inputs:
         if value is None or value in allowed:
             return default if value is None else str(value)
         expected = ", ".join(allowed)
-        warn(self.prim, f"inputs:{name}", f"is {str(value)!r}, expected one of {expected}; {default} is used")
+        warn(self.prim, self._namespace + name, f"is {str(value)!r}, expected one of {expected}; {default} is used")
         return default
 
     def color_space(self, name: str = "file") -> str:

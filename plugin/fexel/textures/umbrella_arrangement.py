@@ -86,7 +86,7 @@ class Arrangement:
     @cached_property
     def digest(self) -> str:
         """Of all that it holds."""
-        state = hashlib.sha256()
+        state = hashlib.blake2b()
         for part in _parts(self):
             state.update(part)
         return state.hexdigest()
@@ -108,21 +108,49 @@ class Arrangement:
 
     @cached_property
     def first_vertex(self) -> NDArray[np.int64]:
-        """(n + 1,) where the vertices of each umbrella begin in `colors` and `vertices`."""
+        """(n + 1,) where the vertices of each umbrella begin in `colors`, `points` and `vertices`."""
         return np.concatenate([[0], np.cumsum(self.vertex_counts)])
+
+    @cached_property
+    def shape_vertex(self) -> NDArray[np.int64]:
+        """(total,) which vertex of its shape each vertex is, counted through all `shapes`."""
+        counts = [len(shape.points) for shape in self.shapes]
+        first = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+        shift = first[self.shape_of] - self.first_vertex[:-1] if len(self) else np.zeros(0, np.int64)
+        return np.arange(self.first_vertex[-1]) + np.repeat(shift, self.vertex_counts)
+
+    @cached_property
+    def points(self) -> NDArray[np.float64]:
+        """(total, 2) all vertices in patch space, morphed."""
+        if not len(self):
+            return np.zeros((0, 2))
+        rest = np.concatenate([shape.points for shape in self.shapes])
+        way = np.concatenate([shape.morph_points for shape in self.shapes]) - rest
+        points = rest[self.shape_vertex]
+        if self.morphs.any() and way.any():
+            points += np.repeat(self.morphs, self.vertex_counts)[:, None] * way[self.shape_vertex]
+        return points
 
     @cached_property
     def vertices(self) -> NDArray[np.float64]:
         """(total, 2) all vertices in st, morphed and placed; not wrapped."""
-        placed = np.empty((int(self.first_vertex[-1]), 2))
-        for number, shape in enumerate(self.shapes):
-            users = np.flatnonzero(self.shape_of == number)
-            if len(users):
-                morphed = shape.points + self.morphs[users, None, None] * (shape.morph_points - shape.points)
-                homogeneous = np.concatenate([morphed, np.ones((*morphed.shape[:2], 1))], axis=2) @ self.matrices[users]
-                rows = self.first_vertex[users][:, None] + np.arange(len(shape.points))
-                placed[rows] = homogeneous[..., :2] / homogeneous[..., 2:]
+        x, y = self.points.T
+        # Column by column: a matrix per vertex would be nine numbers for two.
+        placed = np.empty_like(self.points)
+        placed[:, 0], placed[:, 1] = self._mapped(x, y, 0), self._mapped(x, y, 1)
+        if not self.is_affine:
+            placed /= self._mapped(x, y, 2)[:, None]
         return placed
+
+    @cached_property
+    def is_affine(self) -> bool:
+        """Whether no matrix has a perspective part."""
+        return bool((self.matrices[:, :, 2] == (0.0, 0.0, 1.0)).all())
+
+    def _mapped(self, x: NDArray[np.float64], y: NDArray[np.float64], column: int) -> NDArray[np.float64]:
+        """One homogeneous coordinate of every vertex."""
+        along_x, along_y, offset = (np.repeat(self.matrices[:, row, column], self.vertex_counts) for row in range(3))
+        return x * along_x + y * along_y + offset
 
 
 def _parts(value: Any) -> Iterator[bytes]:
