@@ -143,14 +143,17 @@ def _look(base: BaseUmbrella) -> _Look:
     color = np.clip(np.nan_to_num(base.texture[:, :, :3]), 0.0, 1.0)  # the sum of texture and offset is clamped too
     step = max(1.0, max(height, width) / _SIDE)
     size = max(1, round(width / step)), max(1, round(height / step))
-    planes = np.dstack([color * weight[:, :, None], color * color * weight[:, :, None], weight])
-    sigma = _LOCAL * max(size)
-    planes = cv2.GaussianBlur(cv2.resize(planes, size, interpolation=cv2.INTER_AREA), (0, 0), sigma)
-    whole = planes.reshape(-1, 7).sum(axis=0)
-    # 1e-3 of the mean: far from all texels that count, the whole's colour
-    planes = planes + 1e-3 * whole / max(float(whole[6]), 1e-12)
-    mean, square = (planes[:, :, i : i + 3] / planes[:, :, 6:] for i in (0, 3))
+    light, squares = (np.dstack([values * weight[:, :, None], weight]) for values in (color, color * color))
+    mean, square = (_neighbourhood_mean(plane.astype(np.float32), size) for plane in (light, squares))
     return _Look(mean, np.sqrt(np.maximum(square - mean * mean, 0.0)))
+
+
+def _neighbourhood_mean(weighted: NDArray[np.float32], size: tuple[int, int]) -> NDArray[np.float32]:
+    """(h, w, 3) means of (H, W, 4) weighted values and weight; far from all weight the whole's mean."""
+    small = cv2.GaussianBlur(cv2.resize(weighted, size, interpolation=cv2.INTER_AREA), (0, 0), _LOCAL * max(size))
+    whole = small.reshape(-1, 4).mean(axis=0)
+    small = small + 1e-3 * whole + np.float32(1e-12)  # 1e-3: little where there is any weight; 1e-12: nothing at all
+    return small[:, :, :3] / small[:, :, 3:]
 
 
 def _sets(
@@ -193,7 +196,7 @@ def _sampled(image: NDArray[np.float32], tex_coords: NDArray[np.float64]) -> NDA
 def _seen_from(base: BaseUmbrella, other: BaseUmbrella, looks: _Looks) -> NDArray[np.float64]:
     """(V - 1, R, 3) Oklab of the other element at the points that correspond to the base's spokes."""
     own, contour = (umbrella.points[1:] - umbrella.points[0] for umbrella in (base, other))
-    turn = best_turn(own, contour)[0]
+    turn = best_turn(own, contour)
     outline = Outline(contour)
     arcs = outline.arcs_towards(np.arctan2(own[:, 1], own[:, 0]) - turn)
     spokes = _spokes(other.tex_coords[:1], outline.at(arcs, other.tex_coords[1:]))

@@ -9,6 +9,7 @@ planar shapes in Sebastian, Klein and Kimia, On aligning curves, 2003).
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numba
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 
 from fexel.textures.umbrella_geometry import signed_area
 
-__all__ = ["Correspondence", "Outline", "best_turn", "corresponding_arcs", "radii"]
+__all__ = ["Correspondence", "Outline", "best_turn", "best_turns", "corresponding_arcs", "radii", "shape_distances"]
 
 _DIRECTIONS = 256  # of the radial profiles
 _SAMPLES = 128  # per contour in the dynamic programme
@@ -97,14 +98,17 @@ def radii(corners: NDArray[np.float64], angles: NDArray[np.float64]) -> NDArray[
     return np.linalg.norm(outline.at(outline.arcs_towards(angles)), axis=-1)
 
 
-def best_turn(own: NDArray[np.float64], other: NDArray[np.float64], tries: int = 1) -> list[float]:
-    """Angles (radians, counter-clockwise) by which the other contour is turned to lie on this one, best first.
+def best_turn(own: NDArray[np.float64], other: NDArray[np.float64]) -> float:
+    """Angle (radians, counter-clockwise) by which the other contour is turned to lie on this one; circles by none."""
+    return best_turns(own, other, 1)[0]
 
-    Local maxima of the circular correlation of logarithmic radii, refined by a parabola; without any (circles), 0.
+
+def best_turns(own: NDArray[np.float64], other: NDArray[np.float64], tries: int) -> list[float]:
+    """Up to so many angles (radians) by which the other contour may be turned to lie on this one, best first.
+
+    Local maxima of the circular correlation of logarithmic radii, refined by a parabola.
     """
-    angles = np.arange(_DIRECTIONS) * (2.0 * np.pi / _DIRECTIONS)
-    a, b = (_profile(corners, angles) for corners in (own, other))
-    score = np.fft.irfft(np.fft.rfft(a) * np.conj(np.fft.rfft(b)), _DIRECTIONS)
+    score = _correlation(_profile(own), _profile(other))
     if np.ptp(score) < 1e-9 * _DIRECTIONS:  # round contours: rounding errors would choose the turn
         return [0.0]
     before, after = np.roll(score, 1), np.roll(score, -1)
@@ -114,6 +118,15 @@ def best_turn(own: NDArray[np.float64], other: NDArray[np.float64], tries: int =
     shift = 0.5 * (before[peaks] - after[peaks]) / np.minimum(bend, -1e-300)  # 1e-300: a flat peak is not shifted
     turns = (peaks + shift) * (2.0 * np.pi / _DIRECTIONS)
     return [float(turn) for turn in (turns + np.pi) % (2.0 * np.pi) - np.pi]
+
+
+def shape_distances(contours: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
+    """(N, N) root mean square differences of logarithmic radii, each pair turned onto each other, whatever the size."""
+    profiles = np.array([_profile(contour) for contour in contours])
+    energy = (profiles**2).sum(axis=1)
+    closest = np.array([[_correlation(a, b).max() for b in profiles] for a in profiles])
+    squared = energy[:, None] + energy[None, :] - 2.0 * closest
+    return np.sqrt(np.maximum(0.5 * (squared + squared.T), 0.0) / _DIRECTIONS)
 
 
 def corresponding_arcs(own: NDArray[np.float64], other: NDArray[np.float64], radial: float = 0.0) -> Correspondence:
@@ -202,9 +215,15 @@ def _walked_back(came, size, band, steps):
         i, j = i - steps[s, 0], j - steps[s, 1]
 
 
-def _profile(corners: NDArray[np.float64], angles: NDArray[np.float64]) -> NDArray[np.float64]:
+def _profile(corners: NDArray[np.float64]) -> NDArray[np.float64]:
+    angles = np.arange(_DIRECTIONS) * (2.0 * np.pi / _DIRECTIONS)
     values = np.log(np.maximum(radii(corners, angles), 1e-6))  # 1e-6: the centre on the contour
     return values - values.mean()
+
+
+def _correlation(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Of profile a with profile b turned by each of the directions."""
+    return np.fft.irfft(np.fft.rfft(a) * np.conj(np.fft.rfft(b)), _DIRECTIONS)
 
 
 def _carried(arcs: NDArray[np.float64], source: NDArray[np.float64], target: NDArray[np.float64]):

@@ -1,6 +1,6 @@
 """Shape diversification: the contour of another base as a second position of every vertex (the paper's section 4.3).
 
-Another contour is scaled to the area of the base's, turned onto it and put into correspondence
+Another contour, rather a similar one, is scaled to the size of the base's, turned onto it and put into correspondence
 (`umbrella_correspondence`). Vertices of the base go to corresponding points, a corner to a corner where one is near;
 corners of the other contour that are left over become new, collinear vertices of the base. No weight in [0, 1] folds a
 sector: its cross product is a quadratic in the weight (notes U2), so its least value is exact. Where a correspondence
@@ -21,7 +21,7 @@ from fexel.errors import FexelError
 from fexel.textures.umbrella_geometry import signed_area
 from fexel_tools.umbrella_arrange import random_stream
 from fexel_tools.umbrella_base import BaseUmbrella
-from fexel_tools.umbrella_correspondence import Correspondence, Outline, best_turn, corresponding_arcs
+from fexel_tools.umbrella_correspondence import Correspondence, Outline, best_turns, corresponding_arcs, shape_distances
 
 __all__ = ["MorphOptions", "safe_share", "with_morphs"]
 
@@ -56,7 +56,7 @@ class MorphOptions:
 
 
 def with_morphs(bases: Sequence[BaseUmbrella], options: MorphOptions) -> list[BaseUmbrella]:
-    """Give every base the contour of another as its `morph_points`; each is taken once.
+    """Give every base the contour of another as its `morph_points`, rather of a similar one.
 
     A single base takes its own mirror image. Vertices keep their order; new ones lie on edges in `points` and
     `tex_coords`, so that nothing changes at a morph of 0.
@@ -70,8 +70,7 @@ def with_morphs(bases: Sequence[BaseUmbrella], options: MorphOptions) -> list[Ba
         raise FexelError(f"--morph-amount: {options.amount:g}, expected a number in [0, 1]")
     if options.amount == 0.0:
         return [dataclasses.replace(base, morph_points=base.points.copy()) for base in bases]
-    ring = random_stream(options.seed, "morph target").permutation(len(bases))
-    target_of = dict(zip(ring.tolist(), np.roll(ring, -1).tolist(), strict=True))
+    target_of = _targets(bases, random_stream(options.seed, "morph target"))
     return [_morphed(base, bases[target_of[i]], options) for i, base in enumerate(bases)]
 
 
@@ -126,20 +125,33 @@ def _morphed(base: BaseUmbrella, other: BaseUmbrella, options: MorphOptions) -> 
     return best
 
 
+def _targets(bases: Sequence[BaseUmbrella], rng: np.random.Generator) -> NDArray[np.int64]:
+    """Another base for each, by chance but rather a similar one; itself where there is no other."""
+    distances = shape_distances([base.points[1:] - base.points[0] for base in bases])
+    distances *= 0.5 + rng.random(distances.shape)
+    np.fill_diagonal(distances, np.inf)
+    return np.argmin(distances, axis=1)
+
+
 def _mirrored(contour: NDArray[np.float64]) -> NDArray[np.float64]:
     """Left and right exchanged, counter-clockwise again."""
     return (contour * (-1.0, 1.0))[::-1]
 
 
 def _fitted(own: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The other contour at the area of this one and turned to run with it at least cost."""
-    area, other_area = abs(signed_area(own)), abs(signed_area(other))
-    scaled = other * math.sqrt(area / other_area) if other_area > 0.0 else other
-    candidates = [(turn, _turned(scaled, turn)) for turn in best_turn(own, scaled, _TURNS)]
+    """The other contour at the size of this one and turned to run with it at least cost."""
+    scaled = other * (_size(own) / max(_size(other), 1e-300))  # 1e-300: a contour without area
+    candidates = [(turn, _turned(scaled, turn)) for turn in (0.0, *best_turns(own, scaled, _TURNS))]
     costs = [
         corresponding_arcs(own, turned).cost + _UPRIGHT * 0.5 * (1.0 - math.cos(turn)) for turn, turned in candidates
     ]
     return candidates[int(np.argmin(costs))][1]
+
+
+def _size(contour: NDArray[np.float64]) -> float:
+    """Geometric mean of what area and reach say: thin shapes neither outgrow round ones nor vanish beside them."""
+    reach = float(np.linalg.norm(contour, axis=1).max())
+    return math.sqrt(math.sqrt(abs(signed_area(contour))) * reach)
 
 
 def _turned(contour: NDArray[np.float64], angle: float) -> NDArray[np.float64]:
