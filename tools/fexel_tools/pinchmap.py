@@ -18,13 +18,14 @@ from pathlib import Path
 
 from fexel.errors import FexelError
 from fexel_tools import fallback, pinchmap_stage
+from fexel_tools.phases import Phases
 from fexel_tools.pinchmap_advice import suggested_size
 from fexel_tools.pinchmap_measure import measure_shape, psnr_db
 from fexel_tools.pinchmap_options import PinchmapOptions, check_options
 from fexel_tools.pinchmap_range import scaled, value_range
 from fexel_tools.pinchmap_report import PinchmapItem, PinchmapReport
 from fexel_tools.pinchmap_sheet import Panels, draw_panels, plain_texture, premultiplied, seen, write_sheet
-from fexel_tools.pinchmap_solution import Phases, Pinchmap, compute_pinchmap
+from fexel_tools.pinchmap_solution import STEPS, Pinchmap, compute_pinchmap
 from fexel_tools.pinchmap_textures import write_pinchmap, write_signal
 from fexel_tools.progress import Progress, silent
 from fexel_tools.report import check_report, write_report
@@ -153,7 +154,7 @@ def author_pinchmap(
     square_panels : bool
         As for a sheet of many files.
     """
-    phases = Phases(progress=progress or silent)
+    phases = Phases("pinchmap", STEPS, progress or silent)
     pinchmap = compute_pinchmap(file, options, phases)
     nbytes = _write(pinchmap, file, out, options, phases)
     with phases("measure"):

@@ -6,15 +6,12 @@ signal (`pinchmap_signal`), solved for with the pinchmap as its file will hold i
 
 from __future__ import annotations
 
-import time
-from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from fexel_tools import pinchmap_stage
-from fexel_tools.compile_time import compile_time
+from fexel_tools.phases import Phases
 from fexel_tools.pinchmap_auto import largest_auto_size, smallest_size
 from fexel_tools.pinchmap_baking import WHOLE, reconstruct
 from fexel_tools.pinchmap_fit import PinchmapFit, fit
@@ -26,12 +23,12 @@ from fexel_tools.pinchmap_source import PinchmapSource, load_source
 from fexel_tools.pinchmap_strength import boundary_strength
 from fexel_tools.pinchmap_textures import as_stored
 from fexel_tools.pinchmap_window import Window, choose_window, cut, matrix_of, roomy
-from fexel_tools.progress import Progress, silent
 
-__all__ = ["Phases", "Pinchmap", "compute_pinchmap"]
+__all__ = ["STEPS", "Pinchmap", "compute_pinchmap"]
 
-_STEPS = ("read", "fit", "signal", "textures", "stage", "fallback", "measure")
-_COMPILE = "compile"
+STEPS = ("read", "fit", "signal", "textures", "stage", "fallback", "measure")
+"""Phases of a pinchmap, in order; `compute_pinchmap` has the first three."""
+
 _FIT_BITS = {"8": 8, "16": 16, "float": 32}
 
 
@@ -83,30 +80,6 @@ class Pinchmap:
         return reconstruct(self.texels, self.signal, shape, self.wrap, window=window, st_to_texture=self.st_to_texture)
 
 
-@dataclass
-class Phases:
-    """Seconds on the clock by phase, without those in which kernels were compiled: these are the phase `compile`."""
-
-    seconds: dict[str, float] = field(default_factory=dict)
-    progress: Progress = silent
-
-    @property
-    def authoring(self) -> float:
-        """Seconds of all phases but the compilation and what it takes to measure."""
-        return sum(seconds for name, seconds in self.seconds.items() if name not in (_COMPILE, "measure"))
-
-    @contextmanager
-    def __call__(self, name: str) -> Iterator[None]:
-        """Time what is done inside."""
-        start = time.perf_counter()
-        with compile_time(self.progress) as compiling:
-            yield
-        self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start - compiling.seconds
-        if compiling.seconds:
-            self.seconds[_COMPILE] = self.seconds.get(_COMPILE, 0.0) + compiling.seconds
-        self.progress("pinchmap", _STEPS.index(name) + 1, len(_STEPS))
-
-
 def compute_pinchmap(file: str, options: PinchmapOptions, phases: Phases | None = None) -> Pinchmap:
     """From a source to the texels of pinchmap and signal.
 
@@ -122,7 +95,7 @@ def compute_pinchmap(file: str, options: PinchmapOptions, phases: Phases | None 
     FexelError
         The source cannot be used.
     """
-    phases = phases or Phases()
+    phases = phases or Phases("pinchmap", STEPS)
     with phases("read"):
         source = load_source(
             file,
