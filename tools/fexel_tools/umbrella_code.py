@@ -6,14 +6,14 @@ measured with this code; stages store full arrays.
 Steps, and the largest errors that rounding makes: places 2^-16 of the unit square; directions 2 pi / 2^16; scales 2^-12
 of their own size; morph weights 1/255; colours 1/256 in linear light. A matrix that is no similarity in cells of the
 grid keeps its other entries in 32-bit floats. Bytes of like significance lie together; colours are stored as
-differences from vertex to vertex.
+differences from vertex to vertex, those that several umbrellas of a base share once.
 """
 
 from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -30,6 +30,7 @@ _SCALES_PER_OCTAVE = 2048.0
 _MORPHS = 255.0
 _SIMILAR = 1e-6  # of a matrix's size: what a similarity may be off by, from float64 and the grid's division
 _HEADER = struct.Struct("<I?")
+_COUNT = struct.Struct("<I")
 
 
 @dataclass(frozen=True)
@@ -118,21 +119,46 @@ def _similarities(
 
 
 def _encode_colors(arrangement: Arrangement) -> bytes:
-    """Zigzag differences, one channel after the other, low bytes before high ones."""
+    """Per base: how many sets there are, which set each of its umbrellas has, and the sets."""
     if not len(arrangement.colors):
         return b""
     steps = np.rint(arrangement.colors.astype(np.float64) / COLOR_STEP).astype(np.int64)
-    difference = np.diff(steps, axis=0, prepend=0)
-    zigzag = np.where(difference < 0, -2 * difference - 1, 2 * difference)
-    return _planes(zigzag.T.astype("<u2"))
+    parts = []
+    for number, users in _users(arrangement):
+        vertices = len(arrangement.shapes[number].points)
+        rows = arrangement.first_vertex[users][:, None] + np.arange(vertices)
+        sets, chosen = np.unique(steps[rows].reshape(len(users), -1), axis=0, return_inverse=True)
+        difference = np.diff(sets.reshape(-1, vertices, 3), axis=1, prepend=0)
+        zigzag = np.where(difference < 0, -2 * difference - 1, 2 * difference)
+        parts += [_COUNT.pack(len(sets)), _planes(chosen.astype("<u4")), _planes(zigzag.T.astype("<u2"))]
+    return b"".join(parts)
 
 
 def _decode_colors(data: bytes, arrangement: Arrangement) -> NDArray[np.float32]:
     if not data:
         return np.zeros((0, 3), np.float32)
-    zigzag = _unplaned(data, "<u2", (3, int(arrangement.first_vertex[-1]))).astype(np.int64)
-    difference = np.where(zigzag % 2, -(zigzag + 1) // 2, zigzag // 2)
-    return (np.cumsum(difference, axis=1).T * COLOR_STEP).astype(np.float32)
+    colors, at = np.zeros((int(arrangement.first_vertex[-1]), 3), np.float32), 0
+    for number, users in _users(arrangement):
+        vertices = len(arrangement.shapes[number].points)
+        (count,) = _COUNT.unpack_from(data, at)
+        at += _COUNT.size
+        chosen = _unplaned(data[at : at + 4 * len(users)], "<u4", (len(users),))
+        at += 4 * len(users)
+        size = 2 * 3 * vertices * count
+        zigzag = _unplaned(data[at : at + size], "<u2", (3, vertices, count)).astype(np.int64)
+        at += size
+        difference = np.where(zigzag % 2, -(zigzag + 1) // 2, zigzag // 2)
+        sets = np.cumsum(difference, axis=1).T * COLOR_STEP
+        colors[arrangement.first_vertex[users][:, None] + np.arange(vertices)] = sets[chosen]
+    return colors
+
+
+def _users(arrangement: Arrangement) -> Iterator[tuple[int, NDArray[np.int64]]]:
+    """Number of each base, and which umbrellas show it; those that none shows are left out."""
+    for number in range(len(arrangement.shapes)):
+        users = np.flatnonzero(arrangement.shape_of == number)
+        if len(users):
+            yield number, users
 
 
 def _planes(values: NDArray) -> bytes:

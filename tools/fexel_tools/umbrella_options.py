@@ -1,0 +1,303 @@
+"""How to author umbrellas: the options, what they may be, and how the command line spells them."""
+
+from __future__ import annotations
+
+import os
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from fexel.errors import FexelError
+from fexel.images import srgb_to_linear
+from fexel_tools.umbrella_arrange import ArrangeOptions
+from fexel_tools.umbrella_background import AUTO, NONE
+
+__all__ = [
+    "DIVERSIFIED",
+    "KINDS",
+    "LEVELS",
+    "UmbrellaOptions",
+    "check_options",
+    "parse_background",
+    "parse_centre",
+    "parse_diversify",
+    "parse_grid",
+    "parse_range",
+    "parse_vector",
+]
+
+KINDS = ("auto", "cutout", "object", "many")
+DIVERSIFIED = ("color", "shape")
+LEVELS = ("image", "merged", "none")
+DRIVEN = ("diffuseColor", "emissiveColor", "normal", "roughness", "metallic", "occlusion", "opacity")
+_CENTRES = ("auto", "centroid", "veins")
+_COLOR_INPUTS = ("diffuseColor", "emissiveColor")
+_VERTICES = (4, 4096)
+_TEXTURE_SIZES = (4, 4096)
+_MOST_CELLS = 4096
+
+Color = tuple[float, float, float, float]
+
+
+@dataclass(frozen=True)
+class UmbrellaOptions:
+    """How to author; the defaults are those of the command line.
+
+    Attributes
+    ----------
+    grid : (int, int)
+        Cells along s and t.
+    count : int or None
+        Umbrellas; None: as many as `layers` asks for.
+    layers : float
+        Mean number of umbrellas over a point.
+    background : str or 4 floats
+        ``auto``, ``none``, an image, or a colour: linear, straight alpha.
+    seed : int
+    kind : str
+        What the inputs are: ``auto``, ``cutout``, ``object`` or ``many``.
+    vertices : int
+        Most vertices of a base, centre included, before shapes are diversified.
+    tolerance : float
+        Pixels of the photo by which a contour may be off.
+    centre : str
+        ``auto``, ``centroid``, ``veins`` or ``x,y``, pixels of the photo.
+    hints : str
+        CSV or JSON file of centres, one per file; '' for none.
+    diversify : tuple of str
+        Of ``color`` and ``shape``.
+    references : tuple of str
+        Images whose colours the umbrellas take; none: each other's.
+    color_blend : float
+        f of c = c_texture + f c_vertices.
+    morph : float
+        Largest weight of the other shape, in [0, 1].
+    arrangement : str
+        ``random``, ``blue-noise``, a CSV file or ``stage.usd:/prim``.
+    order : str
+        What lies in front: ``random``, ``size`` or ``given``.
+    size : (float, float)
+        Grid cells, range of the longer side of the largest element.
+    rotation : (float, float)
+        Degrees.
+    levels : str
+        ``image``, ``merged`` or ``none``.
+    shadow : (float, float)
+        Where shadows fall, cells along s and t.
+    shadow_strength : float
+        Share of light, in [0, 1].
+    texture_size : int
+        Texels on the longer side of a base's texture, at most.
+    raw : bool
+        The inputs hold data, not colours.
+    drives : str
+        Input of UsdPreviewSurface; '' is diffuseColor, or roughness for raw data.
+    normal_maps, roughness_maps : str
+        Folder of companion maps, named as the inputs; '' for none.
+    fallback_size : int
+        Longer side of the picture for other applications, pixels.
+    jobs : int
+        Threads.
+    """
+
+    grid: tuple[int, int] = (64, 36)
+    count: int | None = None
+    layers: float = ArrangeOptions.layers
+    background: str | Color = AUTO
+    seed: int = 0
+    kind: str = "auto"
+    vertices: int = 64
+    tolerance: float = 1.0
+    centre: str = "auto"
+    hints: str = ""
+    diversify: tuple[str, ...] = DIVERSIFIED
+    references: tuple[str, ...] = ()
+    color_blend: float = 1.0
+    morph: float = 0.6
+    arrangement: str = "random"
+    order: str = "random"
+    size: tuple[float, float] = ArrangeOptions.size
+    rotation: tuple[float, float] = ArrangeOptions.rotation
+    levels: str = "image"
+    shadow: tuple[float, float] = (0.06, -0.08)
+    shadow_strength: float = 0.4
+    texture_size: int = 256
+    raw: bool = False
+    drives: str = ""
+    normal_maps: str = ""
+    roughness_maps: str = ""
+    fallback_size: int = 2048
+    jobs: int = field(default_factory=lambda: os.cpu_count() or 1)
+
+    @property
+    def driven(self) -> str:
+        """The input of the surface, with its default."""
+        return self.drives or ("roughness" if self.raw else "diffuseColor")
+
+    @property
+    def is_data(self) -> bool:
+        """Whether the inputs' values are stored as they are."""
+        return self.raw or self.driven not in _COLOR_INPUTS
+
+    @property
+    def arrange(self) -> ArrangeOptions:
+        """What `fexel_tools.umbrella_arrange` is told."""
+        return ArrangeOptions(
+            grid=self.grid,
+            count=self.count,
+            layers=self.layers,
+            placement=self.arrangement,
+            size=self.size,
+            rotation=self.rotation,
+            morph=(0.0, self.morph if "shape" in self.diversify else 0.0),
+            order=self.order,
+            seed=self.seed,
+        )
+
+
+def check_options(options: UmbrellaOptions) -> None:
+    """Find wrong options before any work is done; those of the arrangement `check_arrange_options` looks at.
+
+    Raises
+    ------
+    FexelError
+        Naming the option, what it is and what was expected.
+    """
+    for name, value, choices in (
+        ("--kind", options.kind, KINDS),
+        ("--levels", options.levels, LEVELS),
+        ("--drives", options.driven, DRIVEN),
+    ):
+        if value not in choices:
+            raise FexelError(f"{name}: '{value}' is unknown, expected one of {', '.join(choices)}")
+    for name, value, low, high in (
+        ("--grid", max(options.grid), 1, _MOST_CELLS),
+        ("--vertices", options.vertices, *_VERTICES),
+        ("--texture-size", options.texture_size, *_TEXTURE_SIZES),
+        ("--color-blend", options.color_blend, 0.0, 1.0),
+        ("--morph", options.morph, 0.0, 1.0),
+        ("--shadow-strength", options.shadow_strength, 0.0, 1.0),
+        ("--fallback-size", options.fallback_size, 1, 16384),
+        ("--jobs", options.jobs, 1, 1024),
+    ):
+        if not low <= value <= high:  # also refuses NaN
+            raise FexelError(f"{name}: {value:g}, expected {low:g} to {high:g}")
+    if not (np.isfinite(options.tolerance) and options.tolerance > 0.0):
+        raise FexelError(f"--tolerance: {options.tolerance:g}, expected a number of pixels above 0")
+    if not np.isfinite(options.shadow).all():
+        raise FexelError(f"--shadow: {options.shadow}, expected finite numbers of cells")
+    if options.raw and options.drives in _COLOR_INPUTS:
+        raise FexelError(f"--raw: data cannot drive {options.drives}, which takes colours")
+    _check_files(options)
+
+
+def _check_files(options: UmbrellaOptions) -> None:
+    for name, file in (("--hints", options.hints), *(("--references", file) for file in options.references)):
+        if file and not Path(file).is_file():
+            raise FexelError(f"{name}: {file}: no such file")
+    background = options.background
+    if isinstance(background, str) and background not in (AUTO, NONE) and not Path(background).is_file():
+        raise FexelError(f"--background: {background}: no such file, expected an image, #rrggbb, {AUTO} or {NONE}")
+    for name, folder, drives in (
+        ("--normal-maps", options.normal_maps, "normal"),
+        ("--roughness-maps", options.roughness_maps, "roughness"),
+    ):
+        if folder and not Path(folder).is_dir():
+            raise FexelError(f"{name}: {folder}: no such folder")
+        if folder and options.driven == drives:
+            raise FexelError(f"{name}: the inputs drive the {drives} already")
+
+
+def parse_grid(text: str) -> tuple[int, int]:
+    """``64x24``: cells along s and t.
+
+    Raises
+    ------
+    FexelError
+        Anything else, or less than one cell.
+    """
+    match = re.fullmatch(r"\s*(\d+)\s*[xX]\s*(\d+)\s*", text)
+    if not match or not (1 <= int(match[1]) <= _MOST_CELLS and 1 <= int(match[2]) <= _MOST_CELLS):
+        raise FexelError(f"--grid: '{text}', expected cells along s and t, 1 to {_MOST_CELLS} each, such as 64x24")
+    return int(match[1]), int(match[2])
+
+
+def parse_range(text: str, option: str) -> tuple[float, float]:
+    """``lo:hi``, or one number for both.
+
+    Examples
+    --------
+    >>> parse_range("1.2:2", "--size"), parse_range("0", "--rotation")
+    ((1.2, 2.0), (0.0, 0.0))
+    """
+    parts = _numbers(text.split(":"))
+    if len(parts) not in (1, 2) or parts[0] > parts[-1]:
+        raise FexelError(f"{option}: '{text}', expected lowest:highest, or one number")
+    return parts[0], parts[-1]
+
+
+def parse_vector(text: str, option: str) -> tuple[float, float]:
+    """``dx,dy``.
+
+    Examples
+    --------
+    >>> parse_vector("0.1,-0.1", "--shadow")
+    (0.1, -0.1)
+    """
+    parts = _numbers(text.split(","))
+    if len(parts) != 2:
+        raise FexelError(f"{option}: '{text}', expected two numbers with a comma between them")
+    return parts[0], parts[1]
+
+
+def parse_background(text: str) -> str | Color:
+    """``auto``, ``none``, ``#rrggbb`` (sRGB-encoded), or a file as it is."""
+    if match := re.fullmatch(r"#([0-9a-fA-F]{6})", text.strip()):
+        encoded = np.array(list(bytes.fromhex(match[1])), np.float32) / np.float32(255)
+        red, green, blue = (float(v) for v in srgb_to_linear(encoded))
+        return red, green, blue, 1.0
+    if text.strip().startswith("#") and not Path(text).exists():
+        raise FexelError(f"--background: '{text}', expected #rrggbb, an image, {AUTO} or {NONE}")
+    return text.strip().lower() if text.strip().lower() in (AUTO, NONE) else text
+
+
+def parse_centre(text: str) -> str:
+    """``auto``, ``centroid``, ``veins``, or ``x,y``.
+
+    Raises
+    ------
+    FexelError
+        Anything else.
+    """
+    if text in _CENTRES:
+        return text
+    if len(_numbers(text.split(","))) != 2:
+        raise FexelError(f"--centre: '{text}', expected {', '.join(_CENTRES)}, or x,y in pixels of the photo")
+    return text
+
+
+def parse_diversify(text: str) -> tuple[str, ...]:
+    """``color,shape``, one of them, or ``none``.
+
+    Examples
+    --------
+    >>> parse_diversify("shape,color"), parse_diversify("none")
+    (('color', 'shape'), ())
+    """
+    chosen = {part.strip() for part in text.split(",")}
+    if chosen == {NONE}:
+        return ()
+    if not chosen <= set(DIVERSIFIED):
+        raise FexelError(f"--diversify: '{text}', expected {','.join(DIVERSIFIED)}, one of them, or {NONE}")
+    return tuple(name for name in DIVERSIFIED if name in chosen)
+
+
+def _numbers(parts: list[str]) -> list[float]:
+    """Finite numbers; none at all where one of them is not."""
+    try:
+        values = [float(part) for part in parts]
+    except ValueError:
+        return []
+    return values if np.isfinite(values).all() else []
