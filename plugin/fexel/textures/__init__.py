@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 __all__ = ["extract_texture", "gpu_half", "kind_number", "kinds", "texture_kind"]
 
-_KINDS = ("zipmap", "pinchmap")
+_KINDS = ("zipmap", "pinchmap", "umbrella")
 
 
 def kinds() -> tuple[str, ...]:

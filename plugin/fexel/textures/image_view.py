@@ -1,0 +1,87 @@
+"""Images as shaders/image.glsl looks them up: which levels a view wants of one, and its record once they are loaded.
+
+A kind that finds out where to look keeps an `ImageView` per image, asks through it, and writes its record when the pool
+has loaded; the shader needs nothing but the place of that record.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fexel.textures.page_format import HALF, SRGB
+from fexel.textures.pool import TexturePool
+from fexel.textures.residency import MAX_LEVELS
+
+__all__ = ["WRAP_CODES", "ImageView", "image_defines", "write_image_records"]
+
+WRAP_CODES = {"clamp": 0, "repeat": 1, "mirror": 2, "black": 3, "patch": 3}
+"""Of shaders/common_wrap.glsl."""
+
+
+@dataclass(frozen=True)
+class ImageView:
+    """An image in a view.
+
+    Attributes
+    ----------
+    image : int
+        Number in the pool.
+    finest, coarsest : int
+        Mip levels that are seen.
+    """
+
+    image: int
+    finest: int
+    coarsest: int
+
+    @classmethod
+    def of(cls, pool: TexturePool, image: int, lod_low: float, lod_high: float) -> ImageView:
+        """The levels that a range of real-valued mip levels needs."""
+        last = min(pool.facts(image).last_level, MAX_LEVELS - 1)
+        finest = int(np.floor(np.clip(lod_low, 0, last)))
+        return cls(image, finest, max(finest, int(np.clip(np.floor(lod_high) + 1, 0, last))))
+
+    def ask(self, pool: TexturePool, low: Sequence[float] = (0, 0), high: Sequence[float] = (1, 1)) -> None:
+        """Want a window of these levels, by its bounds in [0, 1]^2 of the image, t up."""
+        levels = np.array([self.finest]), np.array([self.coarsest])
+        pool.ask(np.array([self.image]), levels, (np.array([low], np.float64), np.array([high], np.float64)))
+
+    def record(self, pool: TexturePool) -> NDArray[np.float64]:
+        """(1 + levels, 4): the levels that are resident, after `TexturePool.load`."""
+        facts = pool.facts(self.image)
+        size = np.array(facts.size, np.float64)
+        finest = max(self.finest, int(pool.finest[self.image]))
+        coarsest = max(self.coarsest, finest)
+        wrap = [WRAP_CODES[mode] for mode in facts.wrap]
+        codes = finest + 16 * coarsest + 256 * facts.page_class + 1024 * wrap[0] + 4096 * wrap[1]
+        places = pool.places[self.image, finest : coarsest + 1]
+        rows = np.concatenate([places[:, :2] * size, places[:, 2:]], axis=1)
+        rows[:, 1], rows[:, 3] = -rows[:, 1], rows[:, 3] + rows[:, 1]  # t up, where the pool has y down
+        return np.concatenate([[[*size, codes, 0.0]], rows])
+
+    @property
+    def levels(self) -> int:
+        """How many levels are seen."""
+        return self.coarsest - self.finest + 1
+
+
+def write_image_records(views: Sequence[ImageView], pool: TexturePool) -> list[int]:
+    """Append the records of images; where each begins in the record texture."""
+    return [pool.records.append(view.record(pool)) for view in views]
+
+
+def image_defines(views: Sequence[ImageView], pool: TexturePool, *, probes: bool) -> dict[str, int | str]:
+    """What shaders/image.glsl is compiled for: the images of a material, whose levels need not be loaded yet."""
+    facts = [pool.facts(view.image) for view in views]
+    classes = {fact.page_class for fact in facts}
+    return {
+        "IMAGE_SRGB": int(SRGB in classes),
+        "IMAGE_HALF": int(HALF in classes),
+        "IMAGE_LEVELS": 2 if any(view.levels > 1 for view in views) else 1,
+        "IMAGE_PROBES": int(probes),
+        "IMAGE_WRAPS": int(any(fact.wrap != ("clamp", "clamp") for fact in facts)),
+    }
