@@ -120,7 +120,7 @@ def trilinear(
     -------
     (M, C) float64
     """
-    result = np.empty((len(st), levels[0].shape[2]))
+    result = np.empty((len(st), levels[-1].shape[2]))
     for block in blocks(len(st)):
         level = np.clip(lod[block], 0, len(levels) - 1)
         place, low, high = st[block], int(level.min()), int(np.ceil(level.max()))

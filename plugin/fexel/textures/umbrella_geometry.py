@@ -18,9 +18,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from fexel import homography
 from fexel.textures.umbrella_arrangement import Arrangement
 
-__all__ = ["FULL_TURN", "Sectors", "fold_weight", "is_star_shaped", "pseudo_angle", "signed_area"]
+__all__ = ["FULL_TURN", "Sectors", "fold_weight", "is_star_shaped", "pseudo_angle", "signed_area", "turns"]
 
 FULL_TURN = 4.0
 """Of a pseudo-angle."""
@@ -124,6 +125,28 @@ def _turns(angles: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _half_turn(difference: NDArray[np.float64]) -> NDArray[np.float64]:
     return 2.0 - np.mod(2.0 - difference, FULL_TURN)
+
+
+def turns(arrangement: Arrangement) -> NDArray[np.float64]:
+    """How each umbrella is turned from patch space to st: the orthogonal part of its Jacobian at the centre.
+
+    Returns
+    -------
+    (n, 2, 2) float64
+        For column vectors; a mirrored umbrella mirrors. However st is stretched along its axes, an umbrella that lies
+        undistorted on the surface is turned by its angle there.
+    """
+    if not len(arrangement):
+        return np.zeros((0, 2, 2))
+    centers = arrangement.points[arrangement.first_vertex[:-1]]
+    jacobian = homography.jacobian(arrangement.matrices, centers[:, None])[:, 0]
+    mirror = np.where(_cross(jacobian[:, :, 0], jacobian[:, :, 1]) < 0, -1.0, 1.0)
+    cosine = jacobian[:, 0, 0] + mirror * jacobian[:, 1, 1]
+    sine = jacobian[:, 1, 0] - mirror * jacobian[:, 0, 1]
+    size = np.hypot(cosine, sine)
+    safe = np.where(size > 0, size, 1.0)  # 0 for a singular matrix alone
+    cosine, sine = np.where(size > 0, cosine / safe, 1.0), sine / safe
+    return np.stack([cosine, -mirror * sine, sine, mirror * cosine], axis=1).reshape(-1, 2, 2)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,93 @@
+"""Images of umbrella textures in float64 NumPy: mip levels as they are stored, trilinear probes along a footprint."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fexel import mipmaps
+from fexel.textures.footprint import Footprint
+from fexel.textures.image_source import ImageSource
+from fexel.textures.page_texels import decode_page
+from fexel.textures.pinchmap_lattice import trilinear
+from fexel.textures.pyramid_cache import PyramidCache
+
+__all__ = ["TwinImage"]
+
+
+class _Levels(Sequence[NDArray[np.float32]]):
+    """Mip levels, each read when it is first looked at."""
+
+    def __init__(self, source: ImageSource, path: str, cache: PyramidCache) -> None:
+        self._source, self._path, self._cache = source, path, cache
+        self._facts = cache.facts(source, path)
+        self._levels: dict[int, NDArray[np.float32]] = {}
+
+    def __len__(self) -> int:
+        return self._facts.last_level + 1
+
+    @overload
+    def __getitem__(self, index: int) -> NDArray[np.float32]: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[NDArray[np.float32]]: ...
+    def __getitem__(self, index: int | slice) -> NDArray[np.float32] | list[NDArray[np.float32]]:
+        if isinstance(index, slice):
+            return [self[number] for number in range(*index.indices(len(self)))]
+        number = range(len(self))[index]
+        if number not in self._levels:
+            width, height = (mipmaps.level_size(size, number) for size in self._facts.size)
+            texels = self._cache.window(self._source, self._path, number, (0, 0, width, height))
+            self._levels[number] = decode_page(texels[1:-1, 1:-1], self._facts.page_class)
+        return self._levels[number]
+
+
+class TwinImage:
+    """An image to look up.
+
+    Parameters
+    ----------
+    source : ImageSource
+    path : str
+        Prim to name when the file cannot be read: its fallback then stands in.
+    cache : PyramidCache
+    """
+
+    def __init__(self, source: ImageSource, path: str, cache: PyramidCache) -> None:
+        facts = cache.facts(source, path)
+        self._levels = _Levels(source, path, cache)
+        self.wrap = facts.wrap
+        self.size = np.array(facts.size, np.float64)
+        self.info = facts.info
+        self.is_opaque = facts.info is not None and facts.info.alpha_channel < 0 and not source.mask
+        """Whether no texel has an alpha below 1."""
+
+    def sample(self, uv: NDArray[np.float64], jacobian: NDArray[np.float64], most_probes: float) -> NDArray[np.float64]:
+        """Look up points with their footprints.
+
+        Parameters
+        ----------
+        uv : (M, 2) float64
+            t up, wrapped here.
+        jacobian : (M, 2, 2) float64
+            d(uv)/d(pixel), column j per pixel along x, y.
+        most_probes : float
+
+        Returns
+        -------
+        (M, 4) float64
+            Linear, premultiplied.
+        """
+        footprint = Footprint.of(jacobian * self.size[:, None])
+        lod = footprint.level(most_probes)
+        probes = footprint.probes(most_probes)
+        axis = footprint.direction / self.size
+        result = np.zeros((len(uv), 4))
+        for number in range(int(probes.max(initial=1))):
+            taken = np.flatnonzero(number < probes) if number else np.arange(len(uv))
+            share = 1.0 / probes[taken]
+            place = uv[taken] + ((number + 0.5) * share - 0.5)[:, None] * axis[taken]
+            result[taken] += share[:, None] * trilinear(self._levels, place, lod[taken], self.wrap)
+        return result
