@@ -47,10 +47,9 @@ class Footprint:
         area = np.abs(dx[..., 0] * dy[..., 1] - dx[..., 1] * dy[..., 0])
         return cls(major, area / np.maximum(major, _FLOOR), dx * x[..., None] + dy * y[..., None])
 
-    def probes(self, most: float, narrowest: float = 0.0) -> NDArray[np.float64]:
-        """(M,) isotropic probes that cover the footprint, 1 to `most`, none narrower than `narrowest`."""
-        width = np.maximum(np.maximum(self.minor, narrowest), _FLOOR)
-        return np.clip(np.ceil(self.major / width - 0.25), 1.0, max(most, 1.0))
+    def probes(self, most: float) -> NDArray[np.float64]:
+        """(M,) isotropic probes that cover the footprint, 1 to `most`."""
+        return np.clip(np.ceil(self.major / np.maximum(self.minor, _FLOOR) - 0.25), 1.0, max(most, 1.0))
 
     def level(self, most: float) -> NDArray[np.float64]:
         """(M,) log2 of the minor axis, or of the share of the major one that each of `most` probes covers."""

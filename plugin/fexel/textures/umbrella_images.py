@@ -64,7 +64,9 @@ class TwinImage:
         self.is_opaque = facts.info is not None and facts.info.alpha_channel < 0 and not source.mask
         """Whether no texel has an alpha below 1."""
 
-    def sample(self, uv: NDArray[np.float64], jacobian: NDArray[np.float64], most_probes: float) -> NDArray[np.float64]:
+    def sample(
+        self, uv: NDArray[np.float64], jacobian: NDArray[np.float64], most_probes: float = 1.0
+    ) -> NDArray[np.float64]:
         """Look up points with their footprints.
 
         Parameters
@@ -74,6 +76,7 @@ class TwinImage:
         jacobian : (M, 2, 2) float64
             d(uv)/d(pixel), column j per pixel along x, y.
         most_probes : float
+            1 filters alike in all directions.
 
         Returns
         -------

@@ -51,17 +51,15 @@ class ArrangementTwin:
     arrangement : Arrangement
     images : sequence of TwinImage or None
         Of each shape.
-    most_probes : float
     turns_vectors : bool
         Whether texels are encoded vectors, which turn with the umbrellas.
     """
 
     def __init__(
-        self, arrangement: Arrangement, images: Sequence[TwinImage | None], most_probes: float, turns_vectors: bool
+        self, arrangement: Arrangement, images: Sequence[TwinImage | None], turns_vectors: bool = False
     ) -> None:
         self.arrangement = arrangement
         self._images = images
-        self._probes = most_probes
         self._turns = turns(arrangement) if turns_vectors else None
         self._sectors = Sectors(arrangement)
         self._cells: dict[float, Cells] = {}
@@ -220,7 +218,7 @@ class ArrangementTwin:
             corners = np.stack([self._tex_coords[vertices[at]] for vertices in hit.vertices], axis=1)
             uv = np.einsum("mk,mki->mi", hit.weights[at], corners)
             axes = np.einsum("mki,mkj->mij", corners, hit.slopes[at])
-            texel = image.sample(uv, axes, self._probes)
+            texel = image.sample(uv, axes)
             color[which] = texel[:, :3] / np.maximum(texel[:, 3:], 1e-6)  # 1e-6 guards what is nearly transparent
             opacity[which] = texel[:, 3]
         return color, opacity

@@ -24,7 +24,7 @@ from fexel.textures.footprint import Footprint
 from fexel.textures.image_source import BIAS_ZERO, SCALE_ONE
 from fexel.textures.pinchmap_lattice import blocks
 from fexel.textures.pyramid_cache import PyramidCache
-from fexel.textures.umbrella import UmbrellaData, UmbrellaLevelData
+from fexel.textures.umbrella import LEVEL_IMAGE_BIAS, UmbrellaData, UmbrellaLevelData
 from fexel.textures.umbrella_arrangement import Arrangement
 from fexel.textures.umbrella_images import TwinImage
 from fexel.textures.umbrella_layers import ArrangementTwin
@@ -67,7 +67,7 @@ class UmbrellaTwin:
         self._cache = cache or PyramidCache()
         self._background = TwinImage(data.background, path, self._cache)
         images = self._images(data.arrangement, data.paths)
-        self._levels = [_Level(0, ArrangementTwin(data.arrangement, images, self._probes, data.turns_vectors), None)]
+        self._levels = [_Level(0, ArrangementTwin(data.arrangement, images, data.turns_vectors), None)]
         for level in data.levels:
             usable = self._level(level)
             if usable is not None:
@@ -86,10 +86,11 @@ class UmbrellaTwin:
         if level.arrangement is not None:
             paths = (level.path,) * len(level.arrangement.shapes)
             images = self._images(level.arrangement, paths)
-            return _Level(level.level, ArrangementTwin(level.arrangement, images, self._probes, False), None)
+            return _Level(level.level, ArrangementTwin(level.arrangement, images), None)
         assert level.image is not None
         with warnings.catch_warnings(record=True) as caught:
             image = TwinImage(level.image, level.path, self._cache)
+        image.size /= 2.0**LEVEL_IMAGE_BIAS
         if image.info is not None:
             return _Level(level.level, None, image)
         for warning in caught:
@@ -181,10 +182,9 @@ class UmbrellaTwin:
             place, direction = self._wrapped(st)
             return level.image.sample(place, axes * direction[:, :, None], self._probes)
         assert level.umbrellas is not None
-        background = self._background.sample(st, axes, self._probes)
         cells = np.array(level.umbrellas.arrangement.grid, np.float64)
         footprint = Footprint.of(axes * cells[:, None])
-        probes = footprint.probes(self._probes, FULL_DETAIL)
+        probes = footprint.probes(self._probes)
         across = footprint.direction / np.where(footprint.major > 0, footprint.major, 1.0)[:, None]
         along = np.einsum("mi,mij->mj", across * cells, axes)
         shorter = axes - (1.0 - 1.0 / probes)[:, None, None] * (across / cells)[:, :, None] * along[:, None, :]
@@ -193,8 +193,9 @@ class UmbrellaTwin:
             taken = np.flatnonzero(number < probes)
             share = 1.0 / probes[taken]
             place = st[taken] + ((number + 0.5) * share - 0.5)[:, None] * footprint.direction[taken] / cells
+            background = self._background.sample(place, shorter[taken])
             place, direction = self._wrapped(place)
-            part = level.umbrellas.sample(place, shorter[taken] * direction[:, :, None], background[taken], hard)
+            part = level.umbrellas.sample(place, shorter[taken] * direction[:, :, None], background, hard)
             result[taken] += share[:, None] * part
         return result
 
