@@ -179,11 +179,14 @@ def _cheapest_path(costs, shift, band, steps):
     """Closed monotone path through the torus of costs, among those that begin within `shift` of the diagonal."""
     size = costs.shape[0]
     least, best, best_path = np.inf, 0, np.zeros((0, 2), np.int64)
-    for first in range(-shift, shift + 1):
+    for attempt in range(2 * shift + 1):
+        first = (attempt + 1) // 2 * (1 if attempt % 2 else -1)  # 0, 1, -1, 2, -2 ...: likely ones bound the others
         total = np.full((size + 1, 2 * band + 1), np.inf)
         came = np.zeros((size + 1, 2 * band + 1), np.int64)
         total[0, band] = 0.0
         for i in range(1, size + 1):
+            if i > 3 and min(total[i - 1].min(), total[i - 2].min(), total[i - 3].min()) >= least:
+                break  # steps reach three rows back: another beginning is better whatever follows
             for column in range(2 * band + 1):
                 j = i + column - band  # samples of the other contour since its first
                 for s in range(len(steps)):

@@ -169,7 +169,8 @@ def _from_columns(
 
 
 def _read_prim(file: str, path: str, grid: tuple[int, int], bases: int) -> GivenPlacement:
-    prim = _prim(file, path)
+    stage = _opened(file)  # held: a prim does not keep its stage
+    prim = _prim(stage, file, path)
     instancer = UsdGeom.PointInstancer(prim)
     attribute = instancer.GetPositionsAttr() if instancer else UsdGeom.PointBased(prim).GetPointsAttr()
     time = Usd.TimeCode.EarliestTime()
@@ -179,7 +180,7 @@ def _read_prim(file: str, path: str, grid: tuple[int, int], bases: int) -> Given
         raise FexelError(f"{where}: no {attribute.GetName()}, expected at least one")
     bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
     if len(bad):
-        raise FexelError(f"{where}: {attribute.GetName()}[{bad[0]}] is {tuple(points[bad[0]])}, expected finite")
+        raise FexelError(f"{where}: {attribute.GetName()}[{bad[0]}] is {tuple(points[bad[0]].tolist())}, expected finite")
     axes, signs = _projection(points)
     positions, cells_per_unit = _fitted(points[:, axes] * signs, grid)
     if instancer:
@@ -188,13 +189,16 @@ def _read_prim(file: str, path: str, grid: tuple[int, int], bases: int) -> Given
     return _open_placement(positions, sizes=sizes)
 
 
-def _prim(file: str, path: str) -> Usd.Prim:
+def _opened(file: str) -> Usd.Stage:
     if not Path(file).is_file():
         raise FexelError(f"{file}: no such file")
     try:
-        stage = Usd.Stage.Open(file)
+        return Usd.Stage.Open(file)
     except Tf.ErrorException:
         raise FexelError(f"{file}: not a USD stage that can be read") from None
+
+
+def _prim(stage: Usd.Stage, file: str, path: str) -> Usd.Prim:
     prim = stage.GetPrimAtPath(path) if Sdf.Path.IsValidPathString(path) else None
     if not prim:
         raise FexelError(f"{file}: no prim {path}, expected a Points, PointInstancer or Mesh prim")
