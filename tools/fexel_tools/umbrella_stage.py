@@ -162,7 +162,8 @@ def define_level(texture: fexel.UmbrellaTexture, level: LevelPrim) -> None:
     author.CreateGridAttr(Gf.Vec2i(*level.grid))
     author.GetPrim().SetCustomDataByKey(_DIGEST, level.digest)
     if level.file:
-        author.CreateFileAttr(Sdf.AssetPath(level.file))
+        color_space = texture.GetSourceColorSpaceAttr().Get()
+        author.CreateFileAttr(Sdf.AssetPath(level.file)).SetColorSpace(color_space)
     if level.arrangement is not None:
         _define_merged(author, level.arrangement)
 
