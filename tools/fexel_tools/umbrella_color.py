@@ -139,8 +139,8 @@ def _look(base: BaseUmbrella) -> _Look:
     inside = np.zeros((height, width), np.uint8)
     contour = base.tex_coords[1:] * (width, -height) + (0.0, height) - 0.5
     cv2.fillPoly(inside, [np.rint(contour * 16.0).astype(np.int32)], 255, shift=4)
-    weight = base.texture[:, :, 3] * (inside > 0)
-    color = np.clip(np.nan_to_num(base.texture[:, :, :3]), 0.0, 1.0)  # the sum of texture and offset is clamped too
+    texture = np.clip(np.nan_to_num(base.texture), 0.0, 1.0)  # the sum of texture and offset is clamped too
+    color, weight = texture[:, :, :3], texture[:, :, 3] * (inside > 0)
     step = max(1.0, max(height, width) / _SIDE)
     size = max(1, round(width / step)), max(1, round(height / step))
     light, squares = (np.dstack([values * weight[:, :, None], weight]) for values in (color, color * color))
