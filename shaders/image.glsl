@@ -6,7 +6,8 @@
 // IMAGE_PROBES 1 for anisotropic filtering; IMAGE_WRAPS 0 where all clamp.
 //
 // Record, written by fexel/textures/image_view.py:
-//   0  width and height of level 0; codes = finest + 16 coarsest level + 256 page class + 1024 wrap mode along s + 4096 along t
+//   0  width and height of level 0, halved per level that it is read finer; codes = finest + 16 coarsest level + 256 page class
+//      + 1024 wrap mode along s + 4096 along t
 //   1  per level from the finest on: scale.xy, offset.xy from uv in [0, 1]^2, t up, to page coordinates
 //
 // Nothing here is skipped by branching, and loops leave behind only what a repetition of their last round does not change

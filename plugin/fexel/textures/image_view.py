@@ -32,18 +32,22 @@ class ImageView:
         Number in the pool.
     finest, coarsest : int
         Mip levels that are seen.
+    bias : int
+        How many mip levels finer than by its size it is read.
     """
 
     image: int
     finest: int
     coarsest: int
+    bias: int = 0
 
     @classmethod
-    def of(cls, pool: TexturePool, image: int, lod_low: float, lod_high: float) -> ImageView:
-        """The levels that a range of real-valued mip levels needs."""
+    def of(cls, pool: TexturePool, image: int, lod_low: float, lod_high: float, bias: int = 0) -> ImageView:
+        """The levels that a range of real-valued mip levels needs, before the bias."""
+        lod_low, lod_high = lod_low - bias, lod_high - bias
         last = min(pool.facts(image).last_level, MAX_LEVELS - 1)
         finest = int(np.floor(np.clip(lod_low, 0, last)))
-        return cls(image, finest, max(finest, int(np.clip(np.floor(lod_high) + 1, 0, last))))
+        return cls(image, finest, max(finest, int(np.clip(np.floor(lod_high) + 1, 0, last))), bias)
 
     def ask(self, pool: TexturePool, low: Sequence[float] = (0, 0), high: Sequence[float] = (1, 1)) -> None:
         """Want a window of these levels, by its bounds in [0, 1]^2 of the image, t up."""
@@ -61,7 +65,7 @@ class ImageView:
         places = pool.places[self.image, finest : coarsest + 1]
         rows = np.concatenate([places[:, :2] * size, places[:, 2:]], axis=1)
         rows[:, 1], rows[:, 3] = -rows[:, 1], rows[:, 3] + rows[:, 1]  # t up, where the pool has y down
-        return np.concatenate([[[*size, codes, 0.0]], rows])
+        return np.concatenate([[[*(size / 2.0**self.bias), codes, 0.0]], rows])
 
     @property
     def levels(self) -> int:

@@ -24,12 +24,24 @@ from fexel.textures.inputs import Inputs, warn, warn_of_filter
 from fexel.textures.umbrella_arrangement import Arrangement
 from fexel.textures.umbrella_arrays import PatchArrays, read_arrangement, read_level, read_patch
 
-__all__ = ["DIGEST_KEY", "PRIM_TYPES", "UmbrellaData", "UmbrellaLevelData", "extract", "level_digest"]
+__all__ = [
+    "DIGEST_KEY",
+    "LEVEL_IMAGE_BIAS",
+    "PRIM_TYPES",
+    "UmbrellaData",
+    "UmbrellaLevelData",
+    "extract",
+    "level_digest",
+]
 
 PRIM_TYPES = ("UmbrellaTexture",)
 
 DIGEST_KEY = "fexel:arrangement"
 """In the customData of an UmbrellaLevel: `level_digest` of the texture that it was made from."""
+
+LEVEL_IMAGE_BIAS = 1
+"""How many mip levels finer than other images the image of a level is read: its texels are then half a pixel wide, and
+its mip levels are fitted to that (`fexel_tools.umbrella_levels`)."""
 
 _IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 _VECTORS = ((2.0, 2.0, 2.0, 1.0), (-1.0, -1.0, -1.0, 0.0))

@@ -20,7 +20,7 @@ from fexel.textures.page_format import FLOAT, HALF
 from fexel.textures.pool import TexturePool
 from fexel.textures.pyramid_cache import PyramidCache
 from fexel.textures.residency import PairView, view_pairs
-from fexel.textures.umbrella import UmbrellaData
+from fexel.textures.umbrella import LEVEL_IMAGE_BIAS, UmbrellaData
 from fexel.textures.umbrella_arrangement import Arrangement
 from fexel.textures.umbrella_binding import UmbrellaFeatures, UmbrellaSlot, bind, umbrella_record
 from fexel.textures.umbrella_cells import fine_size
@@ -168,7 +168,7 @@ def plan(data: UmbrellaData, sight: Sight, pool: TexturePool) -> _UmbrellaPlan:
     if shown and picture is not None:
         number = pool.image(picture, sight.path)
         size = np.log2(np.array(pool.facts(number).size) / arrangement.grid)
-        pictured = ImageView.of(pool, number, low + size.min(), high + size.max())
+        pictured = ImageView.of(pool, number, low + size.min(), high + size.max(), LEVEL_IMAGE_BIAS)
         pictured.ask(pool)
     if drawn:
         for view in (*bases, background):
