@@ -7,7 +7,7 @@ import pytest
 
 from fexel.errors import FexelError, FexelWarning
 from fexel.images import linear_to_srgb, srgb_to_linear
-from fexel_tools import pinchmap_source
+from fexel_tools import photo_pixels, pinchmap_source
 from fexel_tools.color_bleed import bleed_color
 from fexel_tools.pinchmap_source import load_source
 
@@ -162,7 +162,7 @@ def test_truncated_and_missing_files_are_one_line_errors(tmp_path, rng):
 
 def test_large_images_are_reduced_by_area(tmp_path, monkeypatch, rng):
     monkeypatch.setattr(pinchmap_source, "LONGEST_SIDE_PX", 40)
-    monkeypatch.setattr(pinchmap_source, "_STRIP_ROWS", 7)
+    monkeypatch.setattr(photo_pixels, "_STRIP_ROWS", 7)
     pixels = np.dstack([rng.random((93, 110, 3)), rng.random((93, 110))]).astype(np.float32)
     path = _write(tmp_path / "a.tif", pixels, "float")
     source = load_source(path)

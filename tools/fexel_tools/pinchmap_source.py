@@ -17,7 +17,6 @@ Sources larger than `LONGEST_SIDE_PX` are reduced while they are read, by area, 
 from __future__ import annotations
 
 import math
-import warnings
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -26,10 +25,11 @@ import numpy as np
 import OpenImageIO as oiio
 from numpy.typing import NDArray
 
-from fexel.errors import FexelError, FexelWarning
+from fexel.errors import FexelError
 from fexel_tools.color_bleed import bleed_color
-from fexel_tools.photo_color import decode_srgb_uint8, to_linear_rec709
-from fexel_tools.photos import Photo, probe_photo, read_stored_pixels, upright
+from fexel_tools.photo_color import decode_srgb_uint8
+from fexel_tools.photo_pixels import decode_pixels, decode_reduced
+from fexel_tools.photos import probe_photo, read_stored_pixels, upright
 from fexel_tools.pinchmap_labels import find_labels, stretched_side
 from fexel_tools.pinchmap_regions import RegionSides, label_sides, region_sides
 from fexel_tools.vector_image import is_vector_image, rasterize
@@ -42,7 +42,6 @@ _PIXELS_PER_TEXEL = 16  # of an SVG: with anti-aliasing a boundary is known to 1
 _MOST_COLORS = 64
 _TEXELS = (48, 48)  # of a map whose size is not known
 _LEAST_ALPHA_STEP = 0.125  # of a translucent cut-out; less is the noise of an image without one
-_STRIP_ROWS = 512  # of a large source, reduced at a time
 
 
 @dataclass(frozen=True)
@@ -214,88 +213,7 @@ def _load_image(path: Path, raw: bool) -> tuple[NDArray[np.float32], NDArray[np.
     photo = probe_photo(path, min_side_px=1)
     pixels = read_stored_pixels(photo, oiio.UINT8 if photo.pixel_type == "uint8" else oiio.FLOAT)
     factor = math.ceil(max(photo.width, photo.height) / LONGEST_SIDE_PX)
-    color, alpha = _decode(photo, pixels, raw) if factor == 1 else _decode_reduced(photo, pixels, raw, factor)
+    color, alpha = decode_pixels(photo, pixels, raw) if factor == 1 else decode_reduced(photo, pixels, raw, factor)
     alpha = None if alpha is None else np.ascontiguousarray(upright(alpha, photo.orientation))
     bits = {"uint8": 8, "uint16": 16}.get(photo.pixel_type, 32)
     return np.ascontiguousarray(upright(color, photo.orientation)), alpha, bits
-
-
-def _decode(photo: Photo, pixels: NDArray, raw: bool) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
-    """Stored values to straight linear colour (or data) of three channels, and alpha; not yet upright."""
-    color = pixels[..., : pixels.shape[2] - photo.has_alpha]
-    alpha = _as_float(pixels[..., -1]) if photo.has_alpha else None
-    if color.dtype == np.uint8 and photo.is_srgb and not photo.associated_alpha and not raw:
-        color = decode_srgb_uint8(color)
-    else:
-        color = _as_float(color)
-        color, alpha = _finite(photo, color, alpha)
-        if photo.associated_alpha and alpha is not None:
-            color = color / np.maximum(alpha, 1e-6)[..., None]  # 1e-6 guards transparent pixels, whose colour is 0
-        if not raw:
-            color = _linear(photo, color)
-    color = np.repeat(color, 3, axis=2) if color.shape[2] == 1 else np.ascontiguousarray(color)
-    return color.astype(np.float32, copy=False), alpha
-
-
-def _as_float(values: NDArray) -> NDArray[np.float32]:
-    return values / np.float32(255) if values.dtype == np.uint8 else np.ascontiguousarray(values, np.float32)
-
-
-def _linear(photo: Photo, color: NDArray[np.float32]) -> NDArray[np.float32]:
-    try:
-        return to_linear_rec709(color, photo.color_space, photo.chromaticities)
-    except FexelError as error:
-        raise FexelError(f"{photo.file}: {error}") from None
-
-
-def _finite(
-    photo: Photo, color: NDArray[np.float32], alpha: NDArray[np.float32] | None
-) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
-    """Colour without NaN and infinities, filled from neighbours; alpha within 0..1, 0 where it was none."""
-    good = np.isfinite(color).all(axis=2)
-    good_alpha = np.ones_like(good) if alpha is None else np.isfinite(alpha)
-    count = int(good.size - np.count_nonzero(good & good_alpha))
-    if count:
-        message = f"{photo.file}: {count} pixels are NaN or infinite; their colour is taken from neighbours"
-        warnings.warn(message, FexelWarning, stacklevel=5)
-        color = np.where(good[..., None], color, np.float32(0))
-        color = _filled(color, good.astype(np.float32))
-    if alpha is not None:
-        alpha = np.clip(np.where(good_alpha, alpha, np.float32(0)), 0, 1)
-    return color, alpha
-
-
-def _filled(color: NDArray[np.float32], known: NDArray[np.float32]) -> NDArray[np.float32]:
-    if color.shape[2] == 1:
-        return bleed_color(np.repeat(color, 3, axis=2), known)[..., :1]
-    return bleed_color(color, known)
-
-
-def _decode_reduced(
-    photo: Photo, pixels: NDArray, raw: bool, factor: int
-) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
-    """`_decode`, strip by strip, every `factor` x `factor` pixels averaged; the last may be fewer."""
-    rows = max(_STRIP_ROWS // factor, 1) * factor
-    strips = [
-        _reduced(*_decode(photo, pixels[top : top + rows], raw), factor) for top in range(0, pixels.shape[0], rows)
-    ]
-    color = np.concatenate([color for color, _ in strips])
-    alphas = [alpha for _, alpha in strips if alpha is not None]
-    return color, np.concatenate(alphas) if alphas else None
-
-
-def _reduced(
-    color: NDArray[np.float32], alpha: NDArray[np.float32] | None, factor: int
-) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
-    if alpha is None:
-        return _area_mean(color, factor), None
-    opacity = _area_mean(alpha, factor)
-    premultiplied = _area_mean(color * alpha[..., None], factor)
-    return premultiplied / np.maximum(opacity, np.float32(1e-6))[..., None], opacity  # 1e-6 guards transparent pixels
-
-
-def _area_mean(plane: NDArray[np.float32], factor: int) -> NDArray[np.float32]:
-    height, width = plane.shape[:2]
-    whole = cv2.copyMakeBorder(plane, 0, -height % factor, 0, -width % factor, cv2.BORDER_REPLICATE)
-    size = (whole.shape[1] // factor, whole.shape[0] // factor)
-    return cv2.resize(whole, size, interpolation=cv2.INTER_AREA)
