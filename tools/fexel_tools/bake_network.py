@@ -151,7 +151,7 @@ def _clear(spec: Sdf.PrimSpec) -> None:
 def _remove_prim(layer: Sdf.Layer, path: Sdf.Path) -> None:
     spec = layer.GetPrimAtPath(path)
     if spec:
-        del spec.nameParent.nameChildren[spec.name]
+        del (spec.nameParent or layer.pseudoRoot).nameChildren[spec.name]
 
 
 def _strip_schemas(layer: Sdf.Layer, path: Sdf.Path) -> None:

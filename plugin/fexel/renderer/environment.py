@@ -15,6 +15,7 @@ import numpy as np
 
 from fexel.errors import FexelError, FexelWarning
 from fexel.images import srgb_to_linear
+from fexel.packages import local_file
 from fexel.scene.model import Light
 
 __all__ = ["RADIANCE_HEIGHT", "dome_irradiance", "dome_key", "dome_radiance", "latlong_directions"]
@@ -119,7 +120,7 @@ def _read(file: str) -> np.ndarray:
     """Linear image (H, W, 3) float32, averaged down to about the resolution that is needed."""
     import OpenImageIO as oiio
 
-    source = oiio.ImageInput.open(file)
+    source = oiio.ImageInput.open(local_file(file))
     if not source:
         raise FexelError(f"{file}: {' '.join(oiio.geterror().split())}")
     spec = source.spec()
@@ -131,7 +132,7 @@ def _read(file: str) -> np.ndarray:
     pixels = pixels.reshape(spec.height, spec.width, -1)
     pixels = pixels if pixels.shape[-1] == 3 else np.repeat(pixels[..., :1], 3, axis=-1)
     space = spec.get_string_attribute("oiio:ColorSpace")
-    linear_format = Path(file).suffix.lower() in (".exr", ".hdr")
+    linear_format = Path(file.rstrip("]")).suffix.lower() in (".exr", ".hdr")
     encoded = "srgb" in space.lower() or (not space and not linear_format)
     if small:
         levels = np.arange(256, dtype=np.float32) / 255.0
