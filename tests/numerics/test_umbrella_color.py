@@ -108,6 +108,14 @@ def test_offsets_clip_little(rng):
             assert ((shown <= 0) | (shown >= 1)).mean() < 0.15
 
 
+def test_dark_parts_of_a_pattern_are_not_veiled(rng):
+    s, t = _texels()
+    eye = np.hypot(s - 0.5, t - 0.5)[..., None] < 0.15
+    base = _base(np.where(eye, 0.01, RED))
+    for offsets in color_sets(base, [_base([0.9, 0.9, 0.8])], 20, ColorOptions()):
+        assert offsets[0].max() < 0.08
+
+
 def test_colours_are_smooth_along_the_contour(rng):
     noisy = rng.random((SIDE, SIDE, 3))
     base = _base(_detail(rng, GREEN), _disk(64))

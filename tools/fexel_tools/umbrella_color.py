@@ -10,6 +10,7 @@ the base's. Each set of colours mixes two references.
 An offset is what is to be added in linear light, so that the neighbourhood of a point has the wanted mean (notes U1:
 ``c = clamp(c_texture + f c_vertices)``). Since the offsets of a sector are interpolated linearly from its centre, they
 are fitted along the spokes by least squares, and limited where more than about a tenth of the texels would be clipped.
+Added light veils the contrast of what is dark, so that dark neighbourhoods do not grow much lighter either.
 
 Storage: umbrellas of a base share its sets, `ColorOptions.sets` at most; values are multiples of 1/256.
 """
@@ -36,6 +37,9 @@ _SHARES = np.array([0.15, 0.4, 0.65, 0.9])  # of the way from the centre to a ve
 _PATTERN = 0.7  # share of the reference's own pattern of colours; the rest is the base's, with the reference's spread
 _SPREAD = (0.5, 2.0)  # factor on the base's spread at most
 _BEYOND = 0.15  # how far a mixture may lie beyond its two references, as a share of their difference
+_LIGHTER = (
+    0.4  # of its Oklab lightness: a neighbourhood grows lighter by that at most, lest added light veil its detail
+)
 _SMOOTH = 0.03  # of the perimeter: standard deviation of the smoothing along the contour
 _TENTH = 1.28  # standard deviations beyond which a tenth of a normal distribution lies
 _KEPT = 0.25  # of the way to black or white that an offset may always go
@@ -173,7 +177,7 @@ def _sets(
     if not references:
         targets += _own_variation(own, look, spokes)
     mixed = _mixtures(np.stack(targets), count, rng)
-    wanted = _from_oklab(own + amount * (mixed - own)) - mean
+    wanted = _from_oklab(own + amount * _unveiled(own, mixed - own)) - mean
     fitted = _along_spokes(wanted, Outline(base.points[1:] - base.points[0]))
     low, high = _limits(mean, deviation)
     return (np.rint(np.clip(fitted, low, high) / _QUANTUM) * _QUANTUM).astype(np.float32)
@@ -227,6 +231,12 @@ def _mixtures(targets: NDArray[np.float64], count: int, rng: np.random.Generator
     share = (1.0 + 2.0 * _BEYOND) * rng.random(count) - _BEYOND
     first, second = targets[pairs[:, 0]], targets[pairs[:, 1]]
     return first + share[:, None, None, None] * (second - first)
+
+
+def _unveiled(own: NDArray[np.float64], change: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Changes in Oklab, shortened where they lighten too much: dark parts of a pattern stay dark."""
+    most = _LIGHTER * np.maximum(own[..., :1], 0.0)
+    return change * np.minimum(1.0, most / np.maximum(change[..., :1], most + 1e-9))  # 1e-9: black stays black
 
 
 def _along_spokes(wanted: NDArray[np.float64], outline: Outline) -> NDArray[np.float64]:
