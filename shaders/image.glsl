@@ -6,9 +6,9 @@
 // IMAGE_PROBES 1 for anisotropic filtering; IMAGE_WRAPS 0 where all clamp.
 //
 // Record, written by fexel/textures/image_view.py:
-//   0  width and height of level 0, halved per level that it is read finer; codes = finest + 16 coarsest level + 256 page class
-//      + 1024 wrap mode along s + 4096 along t
-//   1  per level from the finest on: scale.xy, offset.xy from uv in [0, 1]^2, t up, to page coordinates
+//   0  width and height of level 0; codes = finest + 16 coarsest level + 256 page class + 1024 wrap mode along s + 4096 along t;
+//      how many levels finer than by its size it is read
+//   1  per level from the finest on: page coordinates of its lower left corner, and of that of the next coarser one
 //
 // Nothing here is skipped by branching, and loops leave behind only what a repetition of their last round does not change
 // (see zipmap_tree.glsl).
@@ -20,34 +20,42 @@ struct Image {
     int record;
     vec2 size;       // texels of level 0
     int codes;
+    float bias;      // subtracted from the level that follows from the footprint
 };
 
 Image image_open(int record)
 {
     vec4 head = record_fetch(record);
-    return Image(record, head.xy, int(head.z));
+    return Image(record, head.xy, int(head.z), head.w);
 }
 
-// One bilinear fetch of a level whose place is given; beyond the border of the image it stops at the texel past it, which
-// holds what the wrap mode continues the image with.
-vec4 image_texel(vec2 uv, vec4 place, int pageClass)
+// One bilinear fetch of a level; beyond the border of the image it stops at the texel past it, which holds what the wrap
+// mode continues the image with. corner: page coordinates of uv (0, 0); size: texels of the level.
+vec4 image_texel(vec2 uv, vec2 corner, vec2 size, int pageClass)
 {
-    vec2 page = uv * place.xy + place.zw;
-    vec2 low = min(place.zw, place.zw + place.xy);
-    vec2 high = max(place.zw, place.zw + place.xy);
 #if IMAGE_SRGB && IMAGE_HALF
     vec2 halfTexel = pageClass == PAGE_HALF ? pageHalfTexel[PAGE_HALF].xy : pageHalfTexel[PAGE_SRGB].xy;
-    page = clamp(page, low - halfTexel, high + halfTexel);
-    vec4 srgb = textureLod(pagesSrgb, page, 0.0);
-    vec4 high_precision = textureLod(pagesHalf, page, 0.0);
-    return pageClass == PAGE_HALF ? high_precision : srgb;
 #elif IMAGE_HALF
     vec2 halfTexel = pageHalfTexel[PAGE_HALF].xy;
-    return textureLod(pagesHalf, clamp(page, low - halfTexel, high + halfTexel), 0.0);
 #else
     vec2 halfTexel = pageHalfTexel[PAGE_SRGB].xy;
-    return textureLod(pagesSrgb, clamp(page, low - halfTexel, high + halfTexel), 0.0);
 #endif
+    vec2 halves = clamp(2.0 * uv * size, vec2(-1.0), 2.0 * size + 1.0);
+    vec2 page = corner + vec2(halves.x, -halves.y) * halfTexel;
+#if IMAGE_SRGB && IMAGE_HALF
+    vec4 srgb = textureLod(pagesSrgb, page, 0.0);
+    vec4 precise = textureLod(pagesHalf, page, 0.0);
+    return pageClass == PAGE_HALF ? precise : srgb;
+#elif IMAGE_HALF
+    return textureLod(pagesHalf, page, 0.0);
+#else
+    return textureLod(pagesSrgb, page, 0.0);
+#endif
+}
+
+vec2 image_level_size(Image image, int level)
+{
+    return vec2(max(ivec2(image.size) >> level, ivec2(1)));
 }
 
 // Trilinear at a real-valued mip level, within those that are there; linear, premultiplied.
@@ -62,11 +70,12 @@ vec4 image_at_level(Image image, vec2 uv, float level)
 #if IMAGE_LEVELS > 1
     float used = clamp(level, float(finest), float(coarsest));
     int fine = int(used);
-    vec4 finePlace = record_fetch(image.record + 1 + fine - finest);
-    vec4 coarsePlace = record_fetch(image.record + 1 + min(fine + 1, coarsest) - finest);
-    return mix(image_texel(uv, finePlace, pageClass), image_texel(uv, coarsePlace, pageClass), used - float(fine));
+    int coarse = min(fine + 1, coarsest);
+    vec4 corners = record_fetch(image.record + 1 + fine - finest);
+    return mix(image_texel(uv, corners.xy, image_level_size(image, fine), pageClass),
+               image_texel(uv, corners.zw, image_level_size(image, coarse), pageClass), used - float(fine));
 #else
-    return image_texel(uv, record_fetch(image.record + 1), pageClass);
+    return image_texel(uv, record_fetch(image.record + 1).xy, image_level_size(image, finest), pageClass);
 #endif
 }
 
@@ -79,7 +88,7 @@ vec4 image_sample(int record, vec2 uv, vec2 dx, vec2 dy, float maxProbes, out fl
     Footprint footprint = make_footprint(dx * image.size, dy * image.size);
     float weight = 1.0 / footprint_probes(footprint, maxProbes);
     vec2 major = footprint.majorDirection / image.size;
-    lod = footprint_level(footprint, maxProbes);
+    lod = footprint_level(footprint, maxProbes) - image.bias;
     float along = 0.5 * weight - 0.5;
     vec4 sum = vec4(0.0);
     do {
@@ -88,7 +97,7 @@ vec4 image_sample(int record, vec2 uv, vec2 dx, vec2 dy, float maxProbes, out fl
     } while (along < 0.5);
     return sum;
 #else
-    lod = isotropic_level(dx * image.size, dy * image.size);
+    lod = isotropic_level(dx * image.size, dy * image.size) - image.bias;
     return image_at_level(image, uv, lod);
 #endif
 }

@@ -63,9 +63,9 @@ class ImageView:
         wrap = [WRAP_CODES[mode] for mode in facts.wrap]
         codes = finest + 16 * coarsest + 256 * facts.page_class + 1024 * wrap[0] + 4096 * wrap[1]
         places = pool.places[self.image, finest : coarsest + 1]
-        rows = np.concatenate([places[:, :2] * size, places[:, 2:]], axis=1)
-        rows[:, 1], rows[:, 3] = -rows[:, 1], rows[:, 3] + rows[:, 1]  # t up, where the pool has y down
-        return np.concatenate([[[*(size / 2.0**self.bias), codes, 0.0]], rows])
+        corner = places[:, 2:] + places[:, :2] * [0, size[1]]  # t up, where the pool has y down
+        after = np.minimum(np.arange(len(corner)) + 1, len(corner) - 1)
+        return np.concatenate([[[*size, codes, self.bias]], np.concatenate([corner, corner[after]], axis=1)])
 
     @property
     def levels(self) -> int:
