@@ -8,6 +8,8 @@ from pxr import Gf, Usd, UsdGeom, Vt
 from scipy.spatial import cKDTree
 
 from fexel.errors import FexelError
+from fexel.textures.umbrella_arrangement import Arrangement, Shape
+from fexel.textures.umbrella_cells import cell_statistics
 from fexel_tools.umbrella_arrange import ArrangeOptions, arrange
 from fexel_tools.umbrella_placement import blue_noise_points, random_points
 from fexel_tools.umbrella_placement_file import read_placement
@@ -128,6 +130,19 @@ def test_default_count_gives_the_mean_number_of_layers():
     placed = _strewn(options)
     areas = 0.25 * np.linalg.det(placed.matrices[:, :2, :2])  # 0.25: of the leaf in patch space
     assert areas.sum() == pytest.approx(3.0, rel=0.05)
+
+
+def test_cells_list_as_many_umbrellas_as_integral_geometry_says():
+    """Of convex shapes of area A and perimeter P, turned at random, A + 1 + 4 P / (2 pi) touch a cell, per density."""
+    options = ArrangeOptions(grid=(24, 10), count=3000, size=(1.5, 1.5))
+    placed = _strewn(options)
+    shape = Shape(LEAF.points, LEAF.points, LEAF.points)
+    arrangement = Arrangement((shape,), *placed, np.zeros((0, 3), np.float32), options.grid, coverages=np.ones(3000))
+    area, perimeter = 1.5**2 * 0.25, 1.5 * 4 * np.hypot(0.5, 0.25)
+    found = cell_statistics(arrangement)
+    expected = 3000 / 240 * (area + 1 + 2 * perimeter / np.pi)
+    assert 0.98 * expected < found.mean < 1.1 * expected  # cells may list what only nearly touches them
+    assert expected < found.most < expected + 6 * np.sqrt(expected)
 
 
 def test_bases_are_taken_as_often_as_their_weights_say():
