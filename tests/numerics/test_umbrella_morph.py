@@ -57,7 +57,8 @@ def test_no_weight_folds_a_sector(seed, own_count, other_count):
         frames = morphed.points + WEIGHTS[:, None, None] * (morphed.morph_points - morphed.points)
         assert np.isfinite(frames).all()
         assert _areas(frames).min() >= -1e-9
-        assert fold_weight(morphed.points, morphed.morph_points) == 1.0
+        stored = (values.astype(np.float32).astype(np.float64) for values in (morphed.points, morphed.morph_points))
+        assert fold_weight(*stored) == 1.0
         assert all(is_star_shaped(frame) for frame in frames[::200])
 
 

@@ -111,7 +111,7 @@ def _is_safe(start: NDArray[np.float64], end: NDArray[np.float64]) -> bool:
 def _morphed(base: BaseUmbrella, other: BaseUmbrella, options: MorphOptions) -> BaseUmbrella:
     own = base.points[1:] - base.points[0]
     target = _fitted(own, _mirrored(own) if other is base else other.points[1:] - other.points[0])
-    best, best_share = None, -1.0
+    best, best_share = base, -1.0
     for radial in _RADIAL:
         split = _split(base, own, target, corresponding_arcs(own, target, radial), options)
         morph = split.points + options.amount * (split.morph_points - split.points)
@@ -121,7 +121,6 @@ def _morphed(base: BaseUmbrella, other: BaseUmbrella, options: MorphOptions) -> 
             best, best_share = dataclasses.replace(split, morph_points=morph), share
         if share == 1.0:
             break
-    assert best is not None
     return best
 
 
