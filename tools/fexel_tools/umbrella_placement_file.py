@@ -180,7 +180,9 @@ def _read_prim(file: str, path: str, grid: tuple[int, int], bases: int) -> Given
         raise FexelError(f"{where}: no {attribute.GetName()}, expected at least one")
     bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
     if len(bad):
-        raise FexelError(f"{where}: {attribute.GetName()}[{bad[0]}] is {tuple(points[bad[0]].tolist())}, expected finite")
+        raise FexelError(
+            f"{where}: {attribute.GetName()}[{bad[0]}] is {tuple(points[bad[0]].tolist())}, expected finite"
+        )
     axes, signs = _projection(points)
     positions, cells_per_unit = _fitted(points[:, axes] * signs, grid)
     if instancer:
