@@ -1,11 +1,11 @@
 """Level of detail of an arrangement as one small image, its mip levels fitted to how it is looked up.
 
 An ordinary mip-mapped lookup of an area-averaged image blurs twice: texels are as wide as a pixel, and they are
-interpolated. A level image is read one level finer, at ``lod = log2(texels per pixel) - BIAS``, so that texels are half
-a pixel wide, and every mip level holds the values whose *bilinear interpolation* comes nearest to the average over a
-pixel. That is linear least squares; as the arrangement repeats it is solved exactly, frequency by frequency: with
-spectrum F of the arrangement, B of a pixel's box (the mean over all ways to turn it) and R of the interpolating tent,
-``C = sum_k conj(R) B F / sum_k |R|^2`` over all frequencies k that the texels cannot tell apart.
+interpolated. A level image is read one level finer (`LEVEL_IMAGE_BIAS`), at ``lod = log2(texels per pixel) - 1``: its
+texels are half a pixel wide, and every mip level holds the values whose *bilinear interpolation* comes nearest to the
+average over a pixel. That is linear least squares; as the arrangement repeats it is solved exactly, frequency by
+frequency: with spectrum F of the arrangement, B of a pixel's box (the mean over all ways to turn it) and R of the
+interpolating tent, ``C = sum_k conj(R) B F / sum_k |R|^2`` over all frequencies k that the texels cannot tell apart.
 
 Measured on the fall leaves (64 x 24 cells, 8 texels a cell in 8 bits, turned by 20 degrees, one trilinear lookup; mean
 CIEDE2000 against 16 x 16 samples at 4, 2, 1 pixels a cell):
@@ -28,13 +28,11 @@ from numpy.typing import NDArray
 
 from fexel.images import write_pyramid
 from fexel.mipmaps import halve, level_count, level_size
+from fexel.textures.umbrella import LEVEL_IMAGE_BIAS
 from fexel.textures.umbrella_arrangement import Arrangement
 from fexel_tools.umbrella_raster import rasterize
 
-__all__ = ["BIAS", "LevelImage", "fitted_levels", "image_level", "write_level_image"]
-
-BIAS = 1
-"""How many mip levels finer than an ordinary image the renderer reads a level image."""
+__all__ = ["LevelImage", "fitted_levels", "image_level", "write_level_image"]
 
 TEXELS_PER_CELL = 8
 _FINER = (
@@ -115,12 +113,12 @@ def image_level(
     )
     # Sums of samples miss 1 by rounding alone.
     has_alpha = bool(picture[..., 3].min() < 1 - 1e-4)
-    level = max(1, math.ceil(math.log2(8 * 2**BIAS / density)))
+    level = max(1, math.ceil(math.log2(8 * 2**LEVEL_IMAGE_BIAS / density)))
     return LevelImage(level, tuple(fitted_levels(picture, has_alpha)), has_alpha)
 
 
 def fitted_levels(picture: NDArray[np.floating], has_alpha: bool = True) -> list[NDArray[np.float32]]:
-    """Mip levels that, interpolated and read `BIAS` levels finer, come nearest to averages over pixels.
+    """Mip levels that, interpolated and read `LEVEL_IMAGE_BIAS` levels finer, come nearest to averages over pixels.
 
     Parameters
     ----------
@@ -222,7 +220,7 @@ def _pixel(down: NDArray[np.float32], across: NDArray[np.float32]) -> NDArray[np
     total = np.zeros(np.broadcast_shapes(down.shape, across.shape), np.float32)
     for number in range(_TURNS):
         angle = (number + 0.5) * np.pi / (2 * _TURNS)
-        c, s = np.float32(2**BIAS * np.cos(angle)), np.float32(2**BIAS * np.sin(angle))
+        c, s = np.float32(2**LEVEL_IMAGE_BIAS * np.cos(angle)), np.float32(2**LEVEL_IMAGE_BIAS * np.sin(angle))
         total += np.sinc(c * across + s * down) * np.sinc(c * down - s * across)
     return total / np.float32(_TURNS)
 

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from fexel.errors import FexelError
 from fexel.mipmaps import halve
 from fexel.textures.umbrella_arrangement import Arrangement
+from fexel.textures.umbrella_geometry import turns
 from fexel_tools.umbrella_raster_input import (
     Copies,
     Placed,
@@ -194,12 +195,12 @@ def _constants(
     coords = [shape.tex_coords for shape in arrangement.shapes]
     first = np.concatenate([[0], np.cumsum([len(part) for part in coords])]).astype(np.int64)
     colors = np.asarray(arrangement.colors, np.float32)
-    vectors = (False, 0.0, 0.0, 1.0)
+    vectors = (np.zeros((0, 2, 2)), 0.0, 0.0, 1.0)
     if vector_scale is not None and all(vector_scale):
         zero = (-vector_bias[0] / vector_scale[0], -vector_bias[1] / vector_scale[1])
-        vectors = (True, *zero, vector_scale[0] / vector_scale[1])
+        vectors = (turns(arrangement), *zero, vector_scale[0] / vector_scale[1])
     return (
-        (placed.first, placed.vertices, placed.inverse_w, placed.orientation, placed.coverages, placed.rotation),
+        (placed.first, placed.vertices, placed.inverse_w, placed.orientation, placed.coverages),
         (np.asarray(arrangement.shape_of, np.int64), first, np.concatenate([np.zeros((0, 2)), *coords])),
         colors if len(colors) == len(placed.vertices) else _NO_COLORS,
         float(arrangement.color_blend),

@@ -46,8 +46,6 @@ class Placed:
     orientation : (n,) float64
         Sign of the contour's area here; 0 for what cannot be drawn: not finite, through infinity, or without area.
     coverages : (n,) float64
-    rotation : (n, 2) float64
-        Cosine and sine of the turn from patch space to st, as vectors turn.
     boxes : (n, 4) float64
         x0, y0, x1, y1 of umbrella and shadow.
     st_boxes : (n, 4) float64
@@ -59,7 +57,6 @@ class Placed:
     inverse_w: NDArray[np.float64]
     orientation: NDArray[np.float64]
     coverages: NDArray[np.float64]
-    rotation: NDArray[np.float64]
     boxes: NDArray[np.float64]
     st_boxes: NDArray[np.float64]
 
@@ -127,7 +124,6 @@ def place(arrangement: Arrangement, sample_from_st: NDArray[np.float64]) -> Plac
         1.0 / np.where(w == 0, 1.0, w),
         orientation,
         given if len(given) == count else np.ones(count),
-        _rotation(arrangement.matrices),
         _boxes(vertices, first, shadow @ sample_from_st[:2]),
         _boxes(st, first, shadow),
     )
@@ -140,9 +136,9 @@ def texels_per_sample(
     ratio = np.zeros(len(arrangement))
     area = np.abs(_contour_area(placed.vertices, placed.first))
     for number, (shape, texture) in enumerate(zip(arrangement.shapes, textures, strict=True)):
-        users = arrangement.shape_of == number
-        if texture is None or not users.any():
+        if texture is None:
             continue
+        users = arrangement.shape_of == number
         coords = shape.tex_coords * np.array(texture.shape[1::-1])
         whole = float(np.abs(_contour_area(coords, np.array([0, len(coords)])))[0])
         # 1e-12 guards umbrellas without area, which draw nothing.
@@ -168,7 +164,7 @@ def pack(
     opaque = np.ones(len(arrangement), np.bool_)
     parts, used = [np.zeros((1, 4), np.float32)], 1
     for number, texture in enumerate(textures):
-        users = np.flatnonzero(arrangement.shape_of == number)
+        users = np.flatnonzero(arrangement.shape_of == number) if texture is not None else np.zeros(0, np.int64)
         if texture is None or not len(users):
             continue
         levels = np.array([level_for(value, texture.shape) for value in ratio[users]])
@@ -226,25 +222,8 @@ def copies_in(
 
 def _w_of_vertices(arrangement: Arrangement) -> NDArray[np.float64]:
     """(total,) homogeneous coordinate of every vertex."""
-    w = np.ones(int(arrangement.first_vertex[-1]))
-    for number, shape in enumerate(arrangement.shapes):
-        users = np.flatnonzero(arrangement.shape_of == number)
-        if len(users):
-            morphed = shape.points + arrangement.morphs[users, None, None] * (shape.morph_points - shape.points)
-            column = arrangement.matrices[users, :, 2]
-            rows = arrangement.first_vertex[users][:, None] + np.arange(len(shape.points))
-            w[rows] = np.einsum("nvi,ni->nv", morphed, column[:, :2]) + column[:, 2:]
-    return w
-
-
-def _rotation(matrices: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Cosine and sine of the rotation nearest to each linear part (row vectors); none where that vanishes."""
-    a, b, c, d = (matrices[:, i, j] for i, j in ((0, 0), (0, 1), (1, 0), (1, 1)))
-    flip = np.where(a * d - b * c < 0, -1.0, 1.0)  # a mirrored element turns as its unmirrored axis does
-    turn = np.stack([a + flip * d, b - flip * c], axis=1)
-    length = np.linalg.norm(turn, axis=1, keepdims=True)
-    none = ~(np.isfinite(length) & (length > 0))
-    return np.where(none, [1.0, 0.0], turn / np.where(none, 1.0, length))
+    column = np.repeat(arrangement.matrices[:, :, 2], arrangement.vertex_counts, axis=0)
+    return (arrangement.points * column[:, :2]).sum(axis=1) + column[:, 2]
 
 
 def premultiplied(texture: NDArray) -> NDArray[np.float32]:

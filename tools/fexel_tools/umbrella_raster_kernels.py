@@ -31,14 +31,15 @@ def draw_tile(
     listed : (m,) int64
         Copies that touch the tile, front to back.
     copies : (umbrella (m,), shift (m, 2))
-    placed : (first, vertices, inverse_w, orientation, coverages, rotation)
+    placed : (first, vertices, inverse_w, orientation, coverages)
     shapes : (shape_of (n,), first (b + 1,), tex_coords (total, 2))
     colors : (total, 3) float32
         Or (0, 3).
     blend : float
     texels : (texels (N, 4), place (n, 3), opaque (n,))
-    vectors : (turned, zero_x, zero_y, aspect)
-        Whether x and y are components of a vector, the values that stand for 0, and scale of x over that of y.
+    vectors : (turns, zero_x, zero_y, aspect)
+        Where x and y are components of a vector: (n, 2, 2) how umbrellas turn, else (0, 2, 2); the values that stand
+        for 0; and the scale of x over that of y.
     shadow : (dx, dy)
         Samples.
     strength : float
@@ -89,7 +90,7 @@ def _draw_umbrella(
     out,
 ):
     """Add an umbrella to the sums; returns how many samples it closed."""
-    first, vertices, inverse_w, orientation, coverages, rotation = placed
+    first, vertices, inverse_w, orientation, coverages = placed
     shape_of, shape_first, tex_coords = shapes
     all_texels, places, opaque = texels
     rows, columns = seen.shape
@@ -98,8 +99,8 @@ def _draw_umbrella(
     offset, width, height = places[number]
     has_color = len(colors) > 0 and blend != 0
     coverage, is_opaque = coverages[number], opaque[number]
-    turned, zero_x, zero_y, aspect = vectors
-    cosine, sine = rotation[number]
+    turns, zero_x, zero_y, aspect = vectors
+    is_turned = len(turns) > 0
     values = np.empty((3, 6))  # u, v in texels; r, g, b offsets; 1: each over w
     closed = 0
     for sector in range(1, count):
@@ -158,14 +159,15 @@ def _draw_umbrella(
                             if alpha <= 0:
                                 continue
                             r, g, b = r / alpha, g / alpha, b / alpha
-                    if has_color or width == 0:
-                        r = min(1.0, max(0.0, r + (r_row + r_x * step) * inverse))
-                        g = min(1.0, max(0.0, g + (g_row + g_x * step) * inverse))
-                        b = min(1.0, max(0.0, b + (l_row + l_x * step) * inverse))
-                    if turned:
+                    if has_color:
+                        r += (r_row + r_x * step) * inverse
+                        g += (g_row + g_x * step) * inverse
+                        b += (l_row + l_x * step) * inverse
+                    r, g, b = min(1.0, max(0.0, r)), min(1.0, max(0.0, g)), min(1.0, max(0.0, b))
+                    if is_turned:
                         vx, vy = (r - zero_x) * aspect, g - zero_y
-                        r = (vx * cosine - vy * sine) / aspect + zero_x
-                        g = vx * sine + vy * cosine + zero_y
+                        r = (turns[number, 0, 0] * vx + turns[number, 0, 1] * vy) / aspect + zero_x
+                        g = turns[number, 1, 0] * vx + turns[number, 1, 1] * vy + zero_y
                     alpha *= coverage
                     weight = through * alpha
                     light = weight
@@ -191,7 +193,7 @@ def _draw_umbrella(
 @numba.njit(cache=True, nogil=True, inline="never")
 def _cast_shadow(number, dx, dy, placed, shapes, texels, lit, open_samples, spans):
     """Take away the light that an umbrella, moved to where its shadow falls, keeps from what lies behind it."""
-    first, vertices, inverse_w, orientation, coverages, _ = placed
+    first, vertices, inverse_w, orientation, coverages = placed
     shape_of, shape_first, tex_coords = shapes
     all_texels, places, opaque = texels
     rows, columns = lit.shape
