@@ -14,12 +14,13 @@ from pathlib import Path
 
 import numpy as np
 
+from bench.pinchmap_texture import save_texels
 from fexel.images import linear_to_srgb, srgb_to_linear
 from fexel.textures.image_source import ImageSource
 from fexel.textures.umbrella_arrangement import Arrangement, Shape
 from fexel_tools.texture_files import write_texture
 
-__all__ = ["FallLeaves", "cell_counts", "fall_leaves"]
+__all__ = ["FallLeaves", "cell_counts", "cutouts", "fall_leaves"]
 
 SEED = 2012
 GRID = (64, 24)
@@ -97,6 +98,20 @@ def fall_leaves(
     return FallLeaves(arrangement, tuple(map(_stored, pictures)), background, _stored(soil))
 
 
+def cutouts(folder: Path, *, bases: int = 9, size: int = 768, seed: int = SEED) -> list[Path]:
+    """The same leaves as cut-outs with alpha, as a person would photograph them: ``leaf0.png`` ... of `size` pixels."""
+    folder.mkdir(parents=True, exist_ok=True)
+    rng = np.random.default_rng(seed)
+    leaves = [_Leaf(number, rng) for number in range(bases)]
+    files = []
+    for number, leaf in enumerate(leaves):
+        color = linear_to_srgb(leaf.picture(size, rng))
+        texels = np.concatenate([color, leaf.opacity(size)[..., None]], -1)
+        files.append(folder / f"leaf{number}.png")
+        save_texels(files[-1], np.rint(texels * 255).astype(np.uint8))
+    return files
+
+
 def cell_counts(arrangement: Arrangement) -> np.ndarray:
     """(H, W) umbrellas that touch each cell of the grid, row 0 at t = 0; by dense points of each, so 1 % are missed."""
     width, height = arrangement.grid
@@ -158,9 +173,7 @@ class _Leaf:
 
     def picture(self, size: int, rng: np.random.Generator) -> np.ndarray:
         """(size, size, 3) linear; goes on past the outline, as padded pictures do."""
-        at = (np.arange(size) + 0.5) / size
-        x = self.low[0] + self.extent * at[None, :]
-        y = self.low[1] + self.extent * at[::-1, None]
+        x, y = self._places(size)
         radius, angle = np.hypot(x, y), np.arctan2(y, x)
         edge = np.clip(radius / self.reach(angle), 0, 1)
         patches = _noise(rng, size, 2.0)
@@ -169,6 +182,17 @@ class _Leaf:
         color = color * (1 - 0.4 * edge[..., None] ** 5) + veins * (np.array([0.20, 0.17, 0.06]))
         spots = np.clip(_noise(rng, size, 1.4) - 1.6, 0, 1)[..., None]
         return srgb_to_linear(np.clip(color * (1 - 0.5 * spots), 0, 1).astype(np.float32))
+
+    def opacity(self, size: int) -> np.ndarray:
+        """(size, size) in [0, 1]: 1 inside the outline, a pixel wide at its edge."""
+        x, y = self._places(size)
+        inside = (self.reach(np.arctan2(y, x)) - np.hypot(x, y)) * size / self.extent
+        return np.clip(inside + 0.5, 0, 1).astype(np.float32)
+
+    def _places(self, size: int) -> tuple[np.ndarray, np.ndarray]:
+        """Patch space of the columns (1, size) and rows (size, 1) of a picture."""
+        at = (np.arange(size) + 0.5) / size
+        return self.low[0] + self.extent * at[None, :], self.low[1] + self.extent * at[::-1, None]
 
     def _veins(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Strength in [0, 1]: main veins to the lobes, side veins off them."""

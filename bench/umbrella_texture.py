@@ -1,68 +1,49 @@
-"""Umbrella textures for tests and benchmarks: prims from arrangements, pictures by the renderer's own lookup."""
+"""Umbrella textures for tests and benchmarks: stages from arrangements, pictures by the renderer's own lookup."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
-from pxr import Gf, Sdf, Usd, Vt
+from pxr import Usd
 
 import fexel
-from bench.zipmap_stage import front_view, quad, render_texture, zipmap_texture
-from fexel.scene.model import Texture
+from bench.zipmap_stage import front_view, quad, render_texture, tilted_view, zipmap_texture
+from fexel.renderer.visible import View
+from fexel.scene.model import Draw, Texture
 from fexel.textures.image_source import ImageSource
 from fexel.textures.system import TextureSystem
 from fexel.textures.umbrella_arrangement import Arrangement
+from fexel_tools.umbrella_stage import LevelPrim, UmbrellaMap, create_stage, define_level
 
-__all__ = ["Level", "define_umbrella", "picture", "umbrella_texture"]
+__all__ = ["LowView", "low_view", "picture", "picture_low", "umbrella_stage", "umbrella_texture"]
 
-
-@dataclass(frozen=True)
-class Level:
-    """A coarser level: an image of the whole arrangement, or merged umbrellas."""
-
-    level: int
-    file: str = ""
-    arrangement: Arrangement | None = None
+_SPAN_CELLS = 400.0  # of the ground that flights look at
 
 
-def umbrella_texture(arrangement: Arrangement, background: ImageSource, levels: Iterable[Level] = ()) -> Texture:
-    """The texture as the renderer gets it from a stage."""
-    stage = Usd.Stage.CreateInMemory()
-    define_umbrella(stage, "/Umbrella", arrangement, background, levels)
-    return zipmap_texture(stage, "/Umbrella")
-
-
-def define_umbrella(
-    stage: Usd.Stage, path: str, arrangement: Arrangement, background: ImageSource, levels: Iterable[Level] = ()
-) -> Usd.Prim:
-    """An UmbrellaTexture that repeats."""
-    assert fexel.__all__
-    prim = stage.DefinePrim(path, "UmbrellaTexture")
-    names = Sdf.ValueTypeNames
-    _author_arrangement(prim, arrangement)
-    attributes = {
-        "morphs": (names.FloatArray, Vt.FloatArray.FromNumpy(arrangement.morphs.astype(np.float32))),
-        "colors": (names.Color3fArray, Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(arrangement.colors))),
-        "inputs:file": (names.Asset, Sdf.AssetPath(background.file)),
-        "inputs:sourceColorSpace": (names.Token, background.color_space),
-        "inputs:wrapS": (names.Token, "repeat"),
-        "inputs:wrapT": (names.Token, "repeat"),
-        "inputs:colorBlend": (names.Float, arrangement.color_blend),
-        "inputs:shadowOffset": (names.Float2, Gf.Vec2f(*arrangement.shadow_offset)),
-        "inputs:shadowStrength": (names.Float, arrangement.shadow_strength),
-    }
-    _author(prim, attributes)
-    for number, shape in enumerate(arrangement.shapes):
-        patch = stage.DefinePrim(f"{path}/patch{number:02}", "UmbrellaPatch")
-        arrays = {"points": shape.points, "morphPoints": shape.morph_points, "texCoords": shape.tex_coords}
-        _author(patch, {name: (names.Float2Array, _vec2f(values)) for name, values in arrays.items()})
-        if shape.image is not None:
-            _author(patch, {"file": (names.Asset, Sdf.AssetPath(shape.image.file))})
+def umbrella_stage(
+    path: Path, arrangement: Arrangement, background: ImageSource, levels: Iterable[LevelPrim] = ()
+) -> tuple[Usd.Stage, str]:
+    """A stage with the texture on a ground, as the command writes it, saved; and the path of the texture prim."""
+    folder = path.with_name(path.stem + "_textures")
+    folder.mkdir(parents=True, exist_ok=True)
+    files = tuple(shape.image.file if shape.image else "" for shape in arrangement.shapes)
+    names = [f"Base{number}" for number in range(len(files))]
+    map_ = UmbrellaMap("Texture", "diffuseColor", files, "sRGB", background.file)
+    stage = create_stage(path, folder, arrangement, names, [map_])
     for level in levels:
-        _define_level(stage, f"{path}/level{level.level:02}", level)
-    return prim
+        define_level(fexel.UmbrellaTexture.Get(stage, map_.path), level)
+    stage.Save()
+    return stage, map_.path
+
+
+def umbrella_texture(
+    path: Path, arrangement: Arrangement, background: ImageSource, levels: Iterable[LevelPrim] = ()
+) -> Texture:
+    """The texture of such a stage as the renderer gets it."""
+    return zipmap_texture(*umbrella_stage(path, arrangement, background, levels))
 
 
 def picture(
@@ -79,44 +60,39 @@ def picture(
     return render_texture(gl, texture, draw, front_view((0, 0), (1, 1), width, height), system)
 
 
-def _define_level(stage: Usd.Stage, path: str, level: Level) -> None:
-    names = Sdf.ValueTypeNames
-    prim = stage.DefinePrim(path, "UmbrellaLevel")
-    _author(prim, {"level": (names.Int, level.level)})
-    if level.file:
-        _author(prim, {"file": (names.Asset, Sdf.AssetPath(level.file))})
-    merged = level.arrangement
-    if merged is None:
-        return
-    _author(
-        prim,
-        {
-            "grid": (names.Int2, Gf.Vec2i(*merged.grid)),
-            "patchIndices": (names.IntArray, Vt.IntArray.FromNumpy(np.full(len(merged), -1, np.int32))),
-            "vertexCounts": (names.IntArray, Vt.IntArray.FromNumpy(merged.vertex_counts.astype(np.int32))),
-            "points": (names.Float2Array, _vec2f(merged.vertices)),
-            "colors": (names.Color3fArray, Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(merged.colors))),
-            "coverages": (names.FloatArray, Vt.FloatArray.FromNumpy(merged.coverages.astype(np.float32))),
-        },
-    )
+@dataclass(frozen=True)
+class LowView:
+    """A view low over a ground of square cells.
+
+    Attributes
+    ----------
+    pixel_to_st : (3, 3) float64
+        Row vectors; every pixel shows the ground.
+    footprint_px : float
+        Width of a cell at the middle of the picture, pixels.
+    """
+
+    draw: Draw
+    view: View
+    pixel_to_st: np.ndarray
+    footprint_px: float
 
 
-def _author_arrangement(prim: Usd.Prim, arrangement: Arrangement) -> None:
-    names = Sdf.ValueTypeNames
-    _author(
-        prim,
-        {
-            "grid": (names.Int2, Gf.Vec2i(*arrangement.grid)),
-            "patchIndices": (names.IntArray, Vt.IntArray.FromNumpy(arrangement.shape_of.astype(np.int32))),
-            "matrices": (names.Matrix3dArray, Vt.Matrix3dArray.FromNumpy(np.ascontiguousarray(arrangement.matrices))),
-        },
-    )
+def low_view(
+    grid: tuple[int, int], forward: float, tilt: float, fov: float, footprint_px: float, size: tuple[int, int]
+) -> LowView:
+    """Looks down at 90 - `tilt` degrees with a vertical field of `fov`, moved `forward` by so many cells."""
+    low = np.array([0.137, 0.211])
+    span = _SPAN_CELLS / np.array(grid)
+    distance = size[1] / (2 * np.tan(np.radians(fov) / 2)) / footprint_px / _SPAN_CELLS
+    view = tilted_view((0.5, 0.35 + forward / _SPAN_CELLS), distance, tilt, *size, fov)
+    plane_to_clip = view.world_to_clip[[0, 1, 3]][:, [0, 1, 3]]
+    to_clip = np.array([[2 / size[0], 0, 0], [0, -2 / size[1], 0], [-1, 1, 1]])
+    matrix = to_clip @ np.linalg.inv(plane_to_clip) @ np.array([[span[0], 0, 0], [0, span[1], 0], [*low, 1]])
+    matrix *= np.sign((np.array([*size, 2]) / 2 @ matrix)[2])
+    return LowView(quad(low, low + span), view, matrix, footprint_px)
 
 
-def _author(prim: Usd.Prim, attributes: dict[str, tuple]) -> None:
-    for name, (kind, value) in attributes.items():
-        prim.CreateAttribute(name, kind).Set(value)
-
-
-def _vec2f(points: np.ndarray) -> Vt.Vec2fArray:
-    return Vt.Vec2fArray.FromNumpy(np.ascontiguousarray(points, np.float32).reshape(-1, 2))
+def picture_low(gl, texture: Texture, low: LowView, system: TextureSystem | None = None) -> np.ndarray:
+    """(H, W, 4) float32, linear, premultiplied."""
+    return render_texture(gl, texture, low.draw, low.view, system)
