@@ -4,20 +4,24 @@
 // Defines: UMBRELLA_SLOTS textures of the material; UMBRELLA_DRAWN 1 where the view sees umbrellas, UMBRELLA_PICTURE 1 where
 // it sees a prefiltered level; UMBRELLA_PROBES 1 for anisotropic filtering; and what the umbrellas of any slot use:
 // UMBRELLA_SHADOWS, UMBRELLA_COLORS vertex colours, UMBRELLA_ALPHA images with alpha, UMBRELLA_COVERAGES below 1,
-// UMBRELLA_VECTORS, UMBRELLA_SCALED a scale or bias, UMBRELLA_OUTSIDE a wrap mode black; see also umbrella_search.glsl.
+// UMBRELLA_VECTORS, UMBRELLA_SCALED a scale or bias, UMBRELLA_OUTSIDE a wrap mode black, UMBRELLA_PERSPECTIVE a projective map
+// to st; see also umbrella_search.glsl.
 //
 // Record, written by fexel/textures/umbrella_binding.py:
 //   0  position.x * w from (s, t, 1) in cells of the arrangement, less base.x * w; base.x
 //   1  position.y ...; base.y
-//   2  w; codes = wrap mode along s + 4 * along t + 16 a patch
-//   3  cells along s, t; cells of the authored grid per cell, along s, t
-//   4  float page: texel of address 0; log2 of its row; bins of a table
-//   5  half page: texel of the first colour; log2 of its row; colour blend
-//   6  shadow offset in cells; strength; slices of a table
-//   7  address of the umbrellas; records of: the first base image, the background, the level's image
-//   8  texels of the record of a base image; level of the level's image, and how many levels it is blended in over; 0
+//   2  cells along s, t; cells of the authored grid per cell, along s, t
+//   3  page texels of the first texel: of the float page, of the half page
+//   4  bins and slices of the tables; colour blend; codes = wrap mode along s + 4 * along t + 16 * log2 of a row of the float
+//      page's texels + 512 * log2 of one of the half page's
+//   5  shadow offset in cells; strength; record of the first base image
+//   6  records of the background and of the level's image; texels of the record of a base image; address of the umbrellas
+//   7  w from (s, t, 1)
+//   8  level of the level's image, and how many levels it is blended in over
 //   9  scale
 //  10  bias
+// The first UMBRELLA_CONSTANTS also come as flat varyings, from UMBRELLA_FLAT on, for the first UMBRELLA_FLATS textures of the
+// material: llvmpipe reads them for a fraction of what a fetch costs.
 //
 // An `if` around a fetch saves nothing on llvmpipe: hits are searched by arithmetic, then shaded. Loops are do-while, and what
 // is read after them is assigned only while a pixel is running (see zipmap_tree.glsl).
@@ -33,19 +37,35 @@ uniform float umbrellaMaxProbes;
 
 const float UMBRELLA_FIRST_LEVEL = 0.125;    // cells per pixel up to which umbrellas are seen alone (section 6.3)
 
-vec4 umbrella_record_sample(int record, vec2 st, vec2 dstdx, vec2 dstdy, out float lod, out float patchIndex)
+// place: of the record, or number of the texture where its constants are flat; which of the two is known when compiled.
+vec4 umbrella_constant(bool isFlat, int place, int index)
 {
-    vec4 rowX = record_fetch(record);
-    vec4 rowY = record_fetch(record + 1);
-    vec4 rowW = record_fetch(record + 2);
-    vec4 sizes = record_fetch(record + 3);
-    vec3 mapped = vec3(dot(rowX.xyz, vec3(st, 1.0)), dot(rowY.xyz, vec3(st, 1.0)), dot(rowW.xyz, vec3(st, 1.0)));
-    vec2 middle = mapped.xy / mapped.z;
+#if UMBRELLA_FLATS
+    if (isFlat)
+        return textureFlat[UMBRELLA_FLAT + UMBRELLA_CONSTANTS * place + index];
+#endif
+    return record_fetch(place + index);
+}
+
+vec4 umbrella_lookup(bool isFlat, int place, int record, vec2 st, vec2 dstdx, vec2 dstdy, out float lod, out float patchIndex)
+{
+    vec4 rowX = umbrella_constant(isFlat, place, 0);
+    vec4 rowY = umbrella_constant(isFlat, place, 1);
+    vec4 sizes = umbrella_constant(isFlat, place, 2);
+    UmbrellaLook look = umbrella_look(sizes.xy, umbrella_constant(isFlat, place, 3), umbrella_constant(isFlat, place, 4),
+                                      umbrella_constant(isFlat, place, 5), umbrella_constant(isFlat, place, 6));
+    vec2 middle = vec2(dot(rowX.xy, st) + rowX.z, dot(rowY.xy, st) + rowY.z);
+    vec2 dx = vec2(dot(rowX.xy, dstdx), dot(rowY.xy, dstdx));
+    vec2 dy = vec2(dot(rowX.xy, dstdy), dot(rowY.xy, dstdy));
+#if UMBRELLA_PERSPECTIVE
     // Exact Jacobian of the projective map: d(xy / w) = (d(xy) - xy / w d(w)) / w.
-    vec2 dx = (vec2(dot(rowX.xy, dstdx), dot(rowY.xy, dstdx)) - middle * dot(rowW.xy, dstdx)) / mapped.z;
-    vec2 dy = (vec2(dot(rowX.xy, dstdy), dot(rowY.xy, dstdy)) - middle * dot(rowW.xy, dstdy)) / mapped.z;
-    int codes = int(rowW.w);
-    ivec2 wrap = ivec2(codes & 3, (codes >> 2) & 3);
+    vec4 rowW = record_fetch(record + 7);
+    float w = dot(rowW.xy, st) + rowW.z;
+    middle /= w;
+    dx = (dx - middle * dot(rowW.xy, dstdx)) / w;
+    dy = (dy - middle * dot(rowW.xy, dstdy)) / w;
+#endif
+    ivec2 wrap = look.wrap;
 
     vec4 color = vec4(0.0);
     vec2 ddx = dx;
@@ -68,7 +88,6 @@ vec4 umbrella_record_sample(int record, vec2 st, vec2 dstdx, vec2 dstdy, out flo
     level -= log2(UMBRELLA_FIRST_LEVEL);
 
 #if UMBRELLA_DRAWN
-    UmbrellaLook look = umbrella_look(record, sizes.xy);
 #if UMBRELLA_PROBES
     float along = 0.5 * weight - 0.5;
     bool isFirst = true;
@@ -76,7 +95,7 @@ vec4 umbrella_record_sample(int record, vec2 st, vec2 dstdx, vec2 dstdy, out flo
         float probeLod;
         float probePatch;
         vec2 relative = middle + along * major;
-        vec4 probe = umbrella_compose(look, relative, vec2(rowX.w, rowY.w), wrap, ddx, ddy, probeLod, probePatch);
+        vec4 probe = umbrella_compose(look, relative, vec2(rowX.w, rowY.w), ddx, ddy, probeLod, probePatch);
         bool running = along < 0.5;
         color += running ? weight * probe : vec4(0.0);
         // The probe in the middle, or the one just before it, tells what is seen.
@@ -86,20 +105,19 @@ vec4 umbrella_record_sample(int record, vec2 st, vec2 dstdx, vec2 dstdy, out flo
         along += weight;
     } while (along < 0.5);
 #else
-    color = umbrella_compose(look, middle, vec2(rowX.w, rowY.w), wrap, ddx, ddy, lod, patchIndex);
+    color = umbrella_compose(look, middle, vec2(rowX.w, rowY.w), ddx, ddy, lod, patchIndex);
 #endif
 #endif
 
 #if UMBRELLA_PICTURE
-    vec4 parts = record_fetch(record + 7);
     vec4 blending = record_fetch(record + 8);
     vec3 s = wrap_locate(middle.x, rowX.w, sizes.x, wrap.x);
     vec3 t = wrap_locate(middle.y, rowY.w, sizes.y, wrap.y);
     float pictureLod;
     vec2 uv = vec2(s.x + s.y, t.x + t.y) / sizes.xy;
-    vec4 picture = image_sample(int(parts.w), uv, dx / sizes.xy, dy / sizes.xy, umbrellaMaxProbes, pictureLod);
+    vec4 picture = image_sample(look.picture, uv, dx / sizes.xy, dy / sizes.xy, umbrellaMaxProbes, pictureLod);
 #if UMBRELLA_DRAWN
-    float blend = clamp((level - blending.y) / blending.z + 1.0, 0.0, 1.0);
+    float blend = clamp((level - blending.x) / blending.y + 1.0, 0.0, 1.0);
     color = mix(color, picture, blend);
     lod = blend < 0.5 ? lod : pictureLod;
     patchIndex = blend < 0.5 ? patchIndex : -1.0;
@@ -123,7 +141,10 @@ vec4 umbrella_record_sample(int record, vec2 st, vec2 dstdx, vec2 dstdy, out flo
     vec2 ramp = clamp(fromBorder / max(pixel, vec2(1e-30)), vec2(0.0), vec2(1.0));  // 1e-30 guards a constant st
     color *= (wrap.x == WRAP_BLACK ? ramp.x : 1.0) * (wrap.y == WRAP_BLACK ? ramp.y : 1.0);
 #endif
-    return mapped.z > 0.0 ? color : vec4(0.0);
+#if UMBRELLA_PERSPECTIVE
+    color = w > 0.0 ? color : vec4(0.0);
+#endif
+    return color;
 }
 
 // number: which umbrella texture of the material; st and its derivatives per pixel as the surface gives them.
@@ -131,12 +152,17 @@ vec4 umbrella_record_sample(int record, vec2 st, vec2 dstdx, vec2 dstdy, out flo
 // patchIndex: the umbrella on top, -1 for the background and for prefiltered levels.
 vec4 umbrella_sample(int number, vec2 st, vec2 dstdx, vec2 dstdy, out float lod, out float patchIndex)
 {
-    return umbrella_record_sample(umbrellaRecord[number].x, st, dstdx, dstdy, lod, patchIndex);
+    int record = umbrellaRecord[number].x;
+#if UMBRELLA_FLATS
+    if (number < UMBRELLA_FLATS)             // known when compiled
+        return umbrella_lookup(true, number, record, st, dstdx, dstdy, lod, patchIndex);
+#endif
+    return umbrella_lookup(false, record, record, st, dstdx, dstdy, lod, patchIndex);
 }
 
 // As a patch of another texture: record is its place in the record texture; transparent outside of its [0, 1]^2.
 vec4 umbrella_nested(int record, vec2 st, vec2 dstdx, vec2 dstdy, out float lod)
 {
     float patchIndex;
-    return umbrella_record_sample(record, st, dstdx, dstdy, lod, patchIndex);
+    return umbrella_lookup(false, record, record, st, dstdx, dstdy, lod, patchIndex);
 }

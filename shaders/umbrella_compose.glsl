@@ -1,40 +1,38 @@
 // What a place of an arrangement shows: hits gathered front to back, their shadows, then their images.
 // Included by umbrella.glsl. Provides UmbrellaLook, umbrella_look, umbrella_compose.
+// What is the same for all pixels of a texture in a view.
+struct UmbrellaLook {
+    UmbrellaGrid grid;
+    ivec2 wrap;
+    ivec2 colorPage;
+    int colorRowBits;
+    float colorBlend;
+    vec3 shadow;             // offset in cells, strength
+    int images;              // record of the first base image
+    int background;          // record of its image
+    int picture;             // record of the level's image
+    int imageTexels;         // of a record
+    int umbrellas;           // address
+};
+
+UmbrellaLook umbrella_look(vec2 cells, vec4 pages, vec4 tables, vec4 shadow, vec4 parts)
+{
+    int codes = int(tables.w);
+    UmbrellaGrid grid = UmbrellaGrid(ivec2(pages.xy), (codes >> 4) & 31, tables.x, tables.y, cells);
+    return UmbrellaLook(grid, ivec2(codes & 3, (codes >> 2) & 3), ivec2(pages.zw), codes >> 9, tables.z, shadow.xyz,
+                        int(shadow.w), int(parts.x), int(parts.y), int(parts.z), int(parts.w));
+}
+
 #if UMBRELLA_DRAWN
 
 // Coverage left below which nothing further back can change an 8-bit result.
 const float UMBRELLA_OPAQUE = 1.0 / 2048.0;
 
-// What is the same for all pixels of a texture in a view.
-struct UmbrellaLook {
-    UmbrellaGrid grid;
-    ivec2 colorPage;
-    int colorRowBits;
-    float colorBlend;
-    vec3 shadow;             // offset in cells, strength
-    int umbrellas;           // address
-    int images;              // record of the first base image
-    int background;          // record of its image
-    int imageTexels;         // of a record
-};
-
-UmbrellaLook umbrella_look(int record, vec2 cells)
-{
-    vec4 page = record_fetch(record + 4);
-    vec4 colors = record_fetch(record + 5);
-    vec4 shadow = record_fetch(record + 6);
-    vec4 parts = record_fetch(record + 7);
-    vec4 texels = record_fetch(record + 8);
-    UmbrellaGrid grid = UmbrellaGrid(ivec2(page.xy), int(page.z), page.w, shadow.w, cells);
-    return UmbrellaLook(grid, ivec2(colors.xy), int(colors.z), colors.w, shadow.xyz, int(parts.x), int(parts.y),
-                        int(parts.z), int(texels.x));
-}
-
-vec3 umbrella_color(UmbrellaLook look, float index)
+vec4 umbrella_color(UmbrellaLook look, float index)
 {
     int address = int(index);
     ivec2 place = ivec2(address & ((1 << look.colorRowBits) - 1), address >> look.colorRowBits);
-    return texelFetch(pagesHalf, look.colorPage + place, 0).rgb;
+    return texelFetch(pagesHalf, look.colorPage + place, 0);
 }
 
 // The list of a cell: first entry, number of entries.
@@ -66,7 +64,7 @@ vec3 umbrella_light(UmbrellaLook look, vec2 cell, UmbrellaPlace place, vec3 numb
         float begin = umbrella_first_sector(look.grid, at);
         sector = sector < 0.0 ? begin : sector;
         bool found;
-        float coverage = umbrella_test(look.grid, at, sector, found);
+        float coverage = umbrella_test(look.grid, at, sector, found).coverage;
         clear *= 1.0 - (running ? coverage : 0.0) * step(vec3(at.number + 0.5), numbers);
         tries++;
         bool done = found || tries >= UMBRELLA_TRIES;
@@ -79,11 +77,43 @@ vec3 umbrella_light(UmbrellaLook look, vec2 cell, UmbrellaPlace place, vec3 numb
 }
 #endif
 
-// position: in cells, relative to base; dx, dy: its derivatives per pixel.
-vec4 umbrella_compose(UmbrellaLook look, vec2 relative, vec2 base, ivec2 wrap, vec2 dx, vec2 dy, out float lod, out float patchIndex)
+// A hit that waits to be shaded.
+struct UmbrellaFound {
+    vec4 what;               // weight; umbrella, by its first colour where there are colours; sector; shape
+    vec2 place;              // as of UmbrellaHit
+    vec4 slope;
+};
+
+#define UMBRELLA_BACKGROUND 16777216.0       // in place of the umbrella
+
+UmbrellaFound umbrella_nothing()
 {
-    vec3 s = wrap_locate(relative.x, base.x, look.grid.cells.x, wrap.x);
-    vec3 t = wrap_locate(relative.y, base.y, look.grid.cells.y, wrap.y);
+    return UmbrellaFound(vec4(0.0, -1.0, 0.0, 0.0), vec2(0.0), vec4(0.0));
+}
+
+UmbrellaFound umbrella_background(float weight)
+{
+    return UmbrellaFound(vec4(weight, UMBRELLA_BACKGROUND, 0.0, 0.0), vec2(0.0), vec4(0.0));
+}
+
+UmbrellaFound umbrella_found(UmbrellaHit hit, UmbrellaPatchPlace at, float weight)
+{
+    return UmbrellaFound(vec4(weight, at.number, hit.sector, float(at.shape)), hit.place, hit.slope);
+}
+
+void umbrella_take(inout UmbrellaFound found, UmbrellaFound now, bool taken)
+{
+    found.what = mix(found.what, now.what, bvec4(taken));
+    found.place = mix(found.place, now.place, bvec2(taken));
+    found.slope = mix(found.slope, now.slope, bvec4(taken));
+}
+
+// position: in cells, relative to base; dx, dy: its derivatives per pixel.
+vec4 umbrella_compose(UmbrellaLook look, vec2 relative, vec2 base, vec2 dx, vec2 dy, out float lod,
+                      out float patchIndex)
+{
+    vec3 s = wrap_locate(relative.x, base.x, look.grid.cells.x, look.wrap.x);
+    vec3 t = wrap_locate(relative.y, base.y, look.grid.cells.y, look.wrap.y);
     vec2 turned = vec2(s.z < 0.0 ? -1.0 : 1.0, t.z < 0.0 ? -1.0 : 1.0);
     vec2 cell = vec2(s.x, t.x);
     UmbrellaPlace place = UmbrellaPlace(vec2(s.y, t.y), turned * dx, turned * dy);
@@ -96,11 +126,10 @@ vec4 umbrella_compose(UmbrellaLook look, vec2 relative, vec2 base, ivec2 wrap, v
     bool isTop = true;
     bool more;
     do {
-        // Search: up to three umbrellas, the third as if opaque only if it is.
-        vec3 weights = vec3(0.0);
-        vec3 sectors = vec3(0.0);
-        vec3 numbers = vec3(-1.0);
-        ivec3 entries = ivec3(list.x);
+        // Search: up to three umbrellas.
+        UmbrellaFound first = umbrella_nothing();
+        UmbrellaFound second = first;
+        UmbrellaFound third = first;
         float found = 0.0;
         float sector = -1.0;
         int tries = 0;
@@ -110,18 +139,16 @@ vec4 umbrella_compose(UmbrellaLook look, vec2 relative, vec2 base, ivec2 wrap, v
             float begin = umbrella_first_sector(look.grid, at);
             sector = sector < 0.0 ? begin : sector;
             bool isFound;
-            float coverage = umbrella_test(look.grid, at, sector, isFound);
+            UmbrellaHit hit = umbrella_test(look.grid, at, sector, isFound);
             tries++;
             bool done = isFound || tries >= UMBRELLA_TRIES;
-            bool hit = running && coverage > 0.0;
-            bvec3 slot = bvec3(hit && found == 0.0, hit && found == 1.0, hit && found == 2.0);
-            float weight = clear * coverage;
-            weights = mix(weights, vec3(weight), slot);
-            sectors = mix(sectors, vec3(sector), slot);
-            numbers = mix(numbers, vec3(at.number), slot);
-            entries = ivec3(slot.x ? list.x : entries.x, slot.y ? list.x : entries.y, slot.z ? list.x : entries.z);
-            clear -= hit ? weight : 0.0;
-            found += hit ? 1.0 : 0.0;
+            bool isHit = running && hit.coverage > 0.0;
+            UmbrellaFound now = umbrella_found(hit, at, clear * hit.coverage);
+            umbrella_take(first, now, isHit && found == 0.0);
+            umbrella_take(second, now, isHit && found == 1.0);
+            umbrella_take(third, now, isHit && found == 2.0);
+            clear -= isHit ? now.what.x : 0.0;
+            found += isHit ? 1.0 : 0.0;
             list += running && done ? ivec2(UMBRELLA_STRIDE, -1) : ivec2(0);
             sector = done ? -1.0 : sector;
             tries = done ? 0 : tries;
@@ -130,35 +157,31 @@ vec4 umbrella_compose(UmbrellaLook look, vec2 relative, vec2 base, ivec2 wrap, v
         more = list.y > 0 && clear > UMBRELLA_OPAQUE;
         // What is left shows the background, as the hit that comes last.
         bool open = found < 3.0 && !more && clear > UMBRELLA_OPAQUE;
-        float behind = open ? clear : 0.0;
-        weights += behind * vec3(found == 0.0, found == 1.0, found == 2.0);
-        numbers = mix(numbers, vec3(16777216.0), bvec3(open && found == 0.0, open && found == 1.0, open && found == 2.0));
-        clear -= behind;
-        more = more || (!open && clear > UMBRELLA_OPAQUE);
+        UmbrellaFound behind = umbrella_background(clear);
+        umbrella_take(first, behind, open && found == 0.0);
+        umbrella_take(second, behind, open && found == 1.0);
+        umbrella_take(third, behind, open && found == 2.0);
+        clear -= open ? clear : 0.0;
+        more = more || clear > UMBRELLA_OPAQUE;
 #if UMBRELLA_SHADOWS
-        vec3 light = umbrella_light(look, cell, place, numbers);
+        vec3 light = umbrella_light(look, cell, place, vec3(first.what.y, second.what.y, third.what.y));
 #else
         vec3 light = vec3(1.0);
 #endif
 
         // Shade.
         do {
-            bool isBackground = numbers.x > 16777215.0;
-            UmbrellaPatchPlace at = umbrella_patch_place(look.grid, entries.x, place);
-            vec4 head = umbrella_texel(look.grid, at.shape);
-            int vertices = umbrella_vertices(look.grid, at.shape);
-            vec2 a = umbrella_vertex(look.grid, vertices, sectors.x, at.morph);
-            vec2 b = umbrella_vertex(look.grid, vertices, sectors.x + 1.0, at.morph);
-            float area = umbrella_cross(a, b);
-            float inverse = 1.0 / (area == 0.0 ? 1.0 : area);
-            vec2 bary = vec2(umbrella_cross(at.point, b), umbrella_cross(a, at.point)) * inverse;
-            float number = sectors.x - head.w * floor(sectors.x / head.w);
-            vec4 corners = umbrella_texel(look.grid, vertices + int(head.w) + UMBRELLA_AFTER + int(number));
+            float weight = first.what.x;
+            bool isBackground = first.what.y >= UMBRELLA_BACKGROUND;
+            int shape = int(first.what.w);
+            vec4 head = umbrella_texel(look.grid, shape);
+            float number = first.what.z - (first.what.z < head.w ? 0.0 : head.w);
+            vec4 corners = umbrella_texel(look.grid, umbrella_vertices(look.grid, shape) + int(head.w + number) + UMBRELLA_AFTER);
             vec2 alongA = corners.xy - head.xy;
             vec2 alongB = corners.zw - head.xy;
-            vec2 uv = head.xy + bary.x * alongA + bary.y * alongB;
-            vec2 uvdx = (umbrella_cross(at.dx, b) * alongA + umbrella_cross(a, at.dx) * alongB) * inverse;
-            vec2 uvdy = (umbrella_cross(at.dy, b) * alongA + umbrella_cross(a, at.dy) * alongB) * inverse;
+            vec2 uv = head.xy + first.place.x * alongA + first.place.y * alongB;
+            vec2 uvdx = first.slope.x * alongA + first.slope.y * alongB;
+            vec2 uvdy = first.slope.z * alongA + first.slope.w * alongB;
             uv = isBackground ? (cell + place.inside) / look.grid.cells : uv;
             uvdx = isBackground ? place.dx / look.grid.cells : uvdx;
             uvdy = isBackground ? place.dy / look.grid.cells : uvdy;
@@ -166,28 +189,30 @@ vec4 umbrella_compose(UmbrellaLook look, vec2 relative, vec2 base, ivec2 wrap, v
             Image image = image_open(record);
             float level = isotropic_level(uvdx * image.size, uvdy * image.size);
             vec4 texel = image_at_level(image, uv, level);
-            bool plain = !isBackground && head.z < 0.0;
-            texel = plain ? vec4(0.0, 0.0, 0.0, 1.0) : texel;
-            vec4 umbrella = umbrella_texel(look.grid, look.umbrellas + int(isBackground ? 0.0 : numbers.x));
+            texel = !isBackground && head.z < 0.0 ? vec4(0.0, 0.0, 0.0, 1.0) : texel;
 #if UMBRELLA_COLORS
+            float begin = isBackground ? 0.0 : first.what.y;
             float next = number + 1.0 < head.w ? number + 2.0 : 1.0;
-            vec3 offset = (1.0 - bary.x - bary.y) * umbrella_color(look, umbrella.x)
-                        + bary.x * umbrella_color(look, umbrella.x + 1.0 + number)
-                        + bary.y * umbrella_color(look, umbrella.x + next);
+            vec4 center = umbrella_color(look, begin);
+            vec4 colorA = umbrella_color(look, begin + 1.0 + number);
+            vec4 colorB = umbrella_color(look, begin + next);
+            vec3 offset = (1.0 - first.place.x - first.place.y) * center.rgb + first.place.x * colorA.rgb + first.place.y * colorB.rgb;
             vec3 varied = clamp(texel.rgb + look.colorBlend * texel.a * offset, vec3(0.0), vec3(texel.a));
             texel.rgb = isBackground ? texel.rgb : varied;
+            float index = center.a + 2048.0 * colorA.a;
+#else
+            float index = first.what.y;
 #endif
-            color += weights.x * vec4(light.x * texel.rgb, texel.a);
-            bool tells = isTop && weights.x > 0.0;
+            color += weight * vec4(light.x * texel.rgb, texel.a);
+            bool tells = isTop && weight > 0.0;
             topLod = tells ? level : topLod;
-            top = tells && !isBackground ? numbers.x : top;
+            top = tells && !isBackground ? index : top;
             isTop = isTop && !tells;
-            weights = vec3(weights.yz, 0.0);
-            sectors = vec3(sectors.yz, 0.0);
-            numbers = vec3(numbers.yz, -1.0);
-            entries = ivec3(entries.yz, entries.z);
+            first = second;
+            second = third;
+            third.what.x = 0.0;
             light = vec3(light.yz, 1.0);
-        } while (weights.x > 0.0);
+        } while (first.what.x > 0.0);
     } while (more);
     lod = topLod;
     patchIndex = top;

@@ -101,30 +101,39 @@ float umbrella_first_sector(UmbrellaGrid grid, UmbrellaPatchPlace at)
     return umbrella_texel(grid, at.shape + 1 + int(bin)).x;
 }
 
-// Share of a pixel that lies within the peripheral edge from a to b of a sector: a ramp of one pixel across it.
-float umbrella_coverage(UmbrellaPatchPlace at, vec2 a, vec2 b)
-{
-    vec2 edge = b - a;
-    float slope = length(vec2(umbrella_cross(at.dx, edge), umbrella_cross(at.dy, edge)));
-    float distance = umbrella_cross(a - at.point, b - at.point) / max(slope, 1e-30);  // 1e-30: where a pixel is a point
-    return clamp(distance + 0.5, 0.0, 1.0);
-}
+// What an umbrella shows of a place.
+struct UmbrellaHit {
+    float coverage;      // share of the pixel, 0 where no sector is
+    float sector;
+    vec2 place;          // barycentric coordinates of the sector's two contour vertices, within the contour
+    vec4 slope;          // their derivatives per pixel, along x and y, as if the sector did not end
+};
 
 // One round: two sectors from `sector` on, which becomes the one that holds the point, or where to go on: then `found` is
-// false. Returns coverage, 0 where no sector is.
-float umbrella_test(UmbrellaGrid grid, UmbrellaPatchPlace at, inout float sector, out bool found)
+// false.
+UmbrellaHit umbrella_test(UmbrellaGrid grid, UmbrellaPatchPlace at, inout float sector, out bool found)
 {
     int vertices = umbrella_vertices(grid, at.shape);
-    vec2 a = umbrella_vertex(grid, vertices, sector, at.morph);
-    vec2 b = umbrella_vertex(grid, vertices, sector + 1.0, at.morph);
-    vec2 c = umbrella_vertex(grid, vertices, sector + 2.0, at.morph);
-    bool second = umbrella_cross(b, at.point) > 0.0;
-    found = !second || umbrella_cross(c, at.point) <= 0.0;
+    vec2 middle = umbrella_vertex(grid, vertices, sector + 1.0, at.morph);
+    bool second = umbrella_cross(middle, at.point) > 0.0;
+    vec2 outer = umbrella_vertex(grid, vertices, second ? sector + 2.0 : sector, at.morph);
+    found = !second || umbrella_cross(outer, at.point) <= 0.0;
     sector += !found ? 2.0 : second ? 1.0 : 0.0;
-    vec2 from = second ? b : a;
-    vec2 to = second ? c : b;
+    vec2 from = second ? middle : outer;
+    vec2 to = second ? outer : middle;
     float area = umbrella_cross(from, to);
+    float inverse = 1.0 / (area > 0.0 ? area : 1.0);
+    UmbrellaHit hit;
+    hit.sector = sector;
+    hit.place = vec2(umbrella_cross(at.point, to), umbrella_cross(from, at.point)) * inverse;
+    hit.slope = vec4(umbrella_cross(at.dx, to), umbrella_cross(from, at.dx),
+                     umbrella_cross(at.dy, to), umbrella_cross(from, at.dy)) * inverse;
+    // A ramp of one pixel across the peripheral edge.
+    float sum = hit.place.x + hit.place.y;
+    float steepness = length(vec2(hit.slope.x + hit.slope.y, hit.slope.z + hit.slope.w));
+    float ramp = clamp((1.0 - sum) / max(steepness, 1e-30) + 0.5, 0.0, 1.0);  // 1e-30: where a pixel is a point
     // Rounding may put the point beside a spoke, not further: there no sector sees it from the centre.
-    bool within = umbrella_cross(from, at.point) >= -1e-5 * area;
-    return found && within && area > 0.0 ? umbrella_coverage(at, from, to) : 0.0;
+    hit.coverage = found && area > 0.0 && min(hit.place.x, hit.place.y) >= -1e-5 ? ramp : 0.0;
+    hit.place /= max(sum, 1.0);
+    return hit;
 }

@@ -8,13 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fexel import homography
 from fexel.textures.image_view import WRAP_CODES, ImageView, image_defines
-from fexel.textures.kind import Part, Slot
+from fexel.textures.kind import Part, Sight, Slot
 from fexel.textures.pool import TexturePool
+from fexel.textures.umbrella import UmbrellaData
+from fexel.textures.umbrella_texels import Layout
 
-__all__ = ["UmbrellaFeatures", "UmbrellaSlot", "bind", "umbrella_record"]
+__all__ = ["ImagePlaces", "StaticPlaces", "UmbrellaFeatures", "UmbrellaSlot", "bind", "umbrella_record"]
 
-_PATCH = 16
+CONSTANTS = 7  # texels of the record that every pixel reads
 
 
 @dataclass(frozen=True)
@@ -29,7 +32,7 @@ class UmbrellaFeatures:
         Anisotropic ones are taken.
     stride : int
         Texels of an entry.
-    projective, morphs, shadows, colors, alpha, coverages, vectors, scaled, outside : bool
+    projective, morphs, shadows, colors, alpha, coverages, vectors, scaled, outside, perspective : bool
     """
 
     drawn: bool
@@ -45,75 +48,136 @@ class UmbrellaFeatures:
     vectors: bool
     scaled: bool
     outside: bool
+    perspective: bool
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class UmbrellaSlot(Slot):
-    """An umbrella texture as its shader finds it."""
+    """An umbrella texture as its shader finds it.
+
+    Attributes
+    ----------
+    features : UmbrellaFeatures
+    images : tuple of ImageView
+    constants : (N, 4) float64
+        The part of the record that every pixel reads.
+    """
 
     features: UmbrellaFeatures
     images: tuple[ImageView, ...]
+    constants: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class StaticPlaces:
+    """Where the static data of an arrangement lie.
+
+    Attributes
+    ----------
+    origins : (4,) float64
+        Page texels of the first texel in the float page and in the half-float page.
+    row_bits : (int, int)
+        Log2 of their rows.
+    layout : Layout
+    """
+
+    origins: NDArray[np.float64]
+    row_bits: tuple[int, int]
+    layout: Layout
+
+
+@dataclass(frozen=True)
+class ImagePlaces:
+    """Where the records of images lie: of the first base, the background and the level's picture, each of `texels`."""
+
+    bases: int
+    background: int
+    picture: int
+    texels: int
 
 
 def umbrella_record(
+    data: UmbrellaData,
+    sight: Sight,
     *,
-    matrix: NDArray[np.float64],
-    nearest: NDArray[np.float64],
-    cells: tuple[int, int],
-    grid: tuple[int, int],
+    static: StaticPlaces,
+    images: ImagePlaces,
     wrap: tuple[str, str],
-    nested: bool,
-    pages: NDArray[np.float64],
-    look: NDArray[np.float64],
-    parts: NDArray[np.float64],
-    scale: Sequence[float],
-    bias: Sequence[float],
+    blend: tuple[float, float],
 ) -> NDArray[np.float64]:
     """(11, 4), see shaders/umbrella.glsl.
 
     Parameters
     ----------
-    matrix : (3, 3) float64
-        From local st to the texture's st, row vectors.
-    nearest : (2,) float64
-        Local st where the most digits are needed.
-    cells, grid : (int, int)
-        Of the arrangement, and as authored.
+    data : UmbrellaData
+    sight : Sight
+        Its ``local_to_st`` leads to the texture's own coordinates.
+    static : StaticPlaces
+    images : ImagePlaces
     wrap : (str, str)
-    nested : bool
-    pages, parts : (2, 4) float64
-        Texels 4, 5 and 7, 8 of the record.
-    look : (4,) float64
-        Texel 6.
-    scale, bias : 4-tuples
+        Resolved.
+    blend : (float, float)
+        Level of the picture, and how many levels it is blended in over.
     """
-    to_cells = matrix * [*cells, 1]
-    position = np.append(nearest, 1.0) @ to_cells
+    arrangement, layout = data.arrangement, static.layout
+    cells = np.array(layout.cells.size)
+    rows, base = _rows(sight, cells, wrap)
+    codes = WRAP_CODES[wrap[0]] + 4 * WRAP_CODES[wrap[1]] + 16 * static.row_bits[0] + 512 * static.row_bits[1]
+    return np.array(
+        [
+            [*rows[0], base[0]],
+            [*rows[1], base[1]],
+            [*cells, *(np.array(arrangement.grid) / cells)],
+            static.origins,
+            [layout.bins, layout.slices, arrangement.color_blend, codes],
+            [*(np.array(arrangement.shadow_offset) * cells), arrangement.shadow_strength, images.bases],
+            [images.background, images.picture, images.texels, layout.umbrellas],
+            [*rows[2], 0.0],
+            [*blend, 0.0, 0.0],
+            data.scale,
+            data.bias,
+        ]
+    )
+
+
+def _rows(
+    sight: Sight, cells: NDArray[np.int64], wrap: tuple[str, str]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Rows x, y, w from local (s, t, 1) to cells relative to a base near what is seen closest, and that base."""
+    to_cells = homography.normalize(sight.local_to_st[None])[0] * [*cells, 1]
+    if (to_cells[:2, 2] == 0).all():
+        to_cells = to_cells / to_cells[2, 2]
+    position = np.append(_nearest(sight), 1.0) @ to_cells
     # 1e-12 guards a place at infinity, which is never shown.
     base = np.floor(position[:2] / max(position[2], 1e-12))
     rows = to_cells.T.copy()
     rows[:2] -= base[:, None] * rows[2]
-    # Whole periods, and mirrored ones, do not count: so that float32 holds the base.
+    # Whole periods, and mirrored ones, do not count: so float32 holds the base.
     repeats = np.array([mode in ("repeat", "mirror") for mode in wrap])
-    base = np.where(repeats, np.mod(base, 2.0 * np.array(cells)), base)
-    codes = WRAP_CODES[wrap[0]] + 4 * WRAP_CODES[wrap[1]] + _PATCH * nested
-    head = [[*rows[0], base[0]], [*rows[1], base[1]], [*rows[2], codes], [*cells, *(np.array(grid) / cells)]]
-    return np.concatenate([head, pages, look[None], parts, [scale], [bias]])
+    return rows, np.where(repeats, np.mod(base, 2.0 * cells), base)
+
+
+def _nearest(sight: Sight) -> NDArray[np.float64]:
+    """Local st where the footprint is smallest: there float32 needs its digits."""
+    pieces = sight.pieces
+    nearest = np.linalg.norm(pieces.jacobian, axis=(2, 3)).max(axis=1).argmin()
+    return (pieces.low[nearest] + pieces.high[nearest]) / 2
 
 
 def bind(slots: Sequence[UmbrellaSlot], nested: Sequence[UmbrellaSlot], room: int, pool: TexturePool) -> Part:
-    """See `fexel.textures.kind.KindGpu`; all constants are in records."""
-    assert room >= 0
+    """See `fexel.textures.kind.KindGpu`."""
     everything = [*slots, *nested]
     features = [slot.features for slot in everything]
+    flats = min(len(slots), room // CONSTANTS)
     defines: dict[str, int | str] = {
         f"UMBRELLA_{name.upper()}": int(max(getattr(each, name) for each in features))
         for name in UmbrellaFeatures.__dataclass_fields__
     }
-    defines["UMBRELLA_SLOTS"] = max(len(slots), 1)
+    defines |= {"UMBRELLA_SLOTS": max(len(slots), 1), "UMBRELLA_FLATS": flats, "UMBRELLA_CONSTANTS": CONSTANTS}
     images = [view for slot in everything for view in slot.images]
     defines |= image_defines(images, pool, probes=any(each.probes for each in features))
     uniforms: dict[str, NDArray] = {"umbrellaMaxProbes": np.array([[pool.anisotropy]])}
     if slots:
         uniforms["umbrellaRecord"] = np.array([(slot.record, 0, 0, 0) for slot in slots])
-    return Part(defines, uniforms, records=True)
+    constants = np.concatenate([np.zeros((0, 4)), *(slot.constants[:CONSTANTS] for slot in slots[:flats])])
+    return Part(defines, uniforms, constants, records=True)

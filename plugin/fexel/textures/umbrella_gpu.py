@@ -10,7 +10,6 @@ from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fexel import homography
 from fexel.textures.image_view import ImageView
@@ -22,7 +21,14 @@ from fexel.textures.pyramid_cache import PyramidCache
 from fexel.textures.residency import PairView, view_pairs
 from fexel.textures.umbrella import LEVEL_IMAGE_BIAS, UmbrellaData
 from fexel.textures.umbrella_arrangement import Arrangement
-from fexel.textures.umbrella_binding import UmbrellaFeatures, UmbrellaSlot, bind, umbrella_record
+from fexel.textures.umbrella_binding import (
+    ImagePlaces,
+    StaticPlaces,
+    UmbrellaFeatures,
+    UmbrellaSlot,
+    bind,
+    umbrella_record,
+)
 from fexel.textures.umbrella_cells import fine_size
 from fexel.textures.umbrella_texels import ArrangementSource, ArrangementTexels, ColorSource
 
@@ -57,45 +63,21 @@ class _UmbrellaPlan:
         return (self.sight.path,)
 
     def write(self, pool: TexturePool) -> UmbrellaSlot:
-        data, reader = self.data, pool.reader(ArrangementTexels)
-        arrangement = data.arrangement
-        layout = reader.layout(self.source)
-        images = [view.record(pool) for view in (*self.bases, self.background)]
-        if self.picture:
-            images.append(self.picture.record(pool))
-        texels = max(len(record) for record in images)
-        start = pool.records.next
-        for record in images:
-            pool.records.append(np.concatenate([record, np.zeros((texels - len(record), 4))]))
-        cells = self.source.size
-        pages = np.array(
-            [
-                [*self._origin(pool, self.numbers[0], FLOAT), reader.row_bits(self.source), layout.bins],
-                [
-                    *self._origin(pool, self.numbers[1], HALF),
-                    reader.row_bits(ColorSource(arrangement)),
-                    arrangement.color_blend,
-                ],
-            ]
-        )
-        look = np.array([*(np.array(arrangement.shadow_offset) * cells), arrangement.shadow_strength, layout.slices])
-        background = start + texels * len(self.bases)
-        parts = np.array([[layout.umbrellas, start, background, background + texels], [texels, *self.blend, 0.0]])
-        matrix = homography.normalize(self.sight.local_to_st[None])[0]
-        record = umbrella_record(
-            matrix=matrix,
-            nearest=self._nearest(),
-            cells=cells,
-            grid=arrangement.grid,
-            wrap=self.wrap,
-            nested=self.sight.nested,
-            pages=pages,
-            look=look,
-            parts=parts,
-            scale=data.scale,
-            bias=data.bias,
-        )
         views = [*self.bases, self.background, *([self.picture] if self.picture else [])]
+        records = [view.record(pool) for view in views]
+        texels = max(len(record) for record in records)
+        start = pool.records.next
+        for record in records:
+            pool.records.append(np.concatenate([record, np.zeros((texels - len(record), 4))]))
+        background = start + texels * len(self.bases)
+        record = umbrella_record(
+            self.data,
+            self.sight,
+            static=self._static(pool),
+            images=ImagePlaces(start, background, background + texels, texels),
+            wrap=self.wrap,
+            blend=self.blend,
+        )
         classes = {int(pool.page_class[view.image]) for view in views} | {FLOAT}
         return UmbrellaSlot(
             kind="umbrella",
@@ -103,19 +85,19 @@ class _UmbrellaPlan:
             record=pool.records.append(record),
             features=self.features,
             images=tuple(views),
+            constants=record,
         )
 
-    def _origin(self, pool: TexturePool, number: int, page_class: int) -> NDArray[np.float64]:
-        """Page texel of the first texel of static data."""
-        if number < 0:
-            return np.zeros(2)
-        return np.rint(pool.places[number, 0, 2:] * np.array(pool.atlases[page_class].size))
-
-    def _nearest(self) -> NDArray[np.float64]:
-        """Local st where the footprint is smallest: there float32 needs its digits."""
-        pieces = self.sight.pieces
-        nearest = np.linalg.norm(pieces.jacobian, axis=(2, 3)).max(axis=1).argmin()
-        return (pieces.low[nearest] + pieces.high[nearest]) / 2
+    def _static(self, pool: TexturePool) -> StaticPlaces:
+        reader = pool.reader(ArrangementTexels)
+        sources = (self.source, ColorSource(self.data.arrangement))
+        origins = np.zeros((2, 2))
+        for which, (number, page_class) in enumerate(zip(self.numbers, (FLOAT, HALF), strict=True)):
+            if number >= 0:
+                page = np.array(pool.atlases[page_class].size)
+                origins[which] = np.rint(pool.places[number, 0, 2:] * page)
+        bits = tuple(reader.row_bits(source) if self.numbers[0] >= 0 else 0 for source in sources)
+        return StaticPlaces(origins.ravel(), (bits[0], bits[1]), reader.layout(self.source))
 
 
 def plan(data: UmbrellaData, sight: Sight, pool: TexturePool) -> _UmbrellaPlan:
@@ -193,6 +175,7 @@ def plan(data: UmbrellaData, sight: Sight, pool: TexturePool) -> _UmbrellaPlan:
         vectors=data.turns_vectors,
         scaled=(tuple(data.scale), tuple(data.bias)) != ((1.0,) * 4, (0.0,) * 4),
         outside="black" in wrap or "patch" in wrap,
+        perspective=bool((sight.local_to_st[:2, 2] != 0).any()),
     )
     return _UmbrellaPlan(
         data, sight, source, (numbers[0], numbers[1]), tuple(bases), background, pictured, blend, features, wrap

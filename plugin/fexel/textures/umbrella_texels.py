@@ -8,8 +8,8 @@ positions exact however large the texture is. A table by pseudo-angle gives the 
 Texels of the float page, in this order; addresses count from the first texel, cells row by row:
 
 - cells: (first entry, entries, 0, 0)
-- entries of `stride` texels: (x from s, t, 1; number of the umbrella), (y ...; address of the shape), and where
-  matrices are projective or shapes morph: (w ...; morph)
+- entries of `stride` texels: (x from s, t, 1; first colour of the umbrella, or its number where there are none),
+  (y ...; address of the shape), and where matrices are projective or shapes morph: (w ...; morph)
 - umbrellas: (first colour, coverage, cosine, sine of its turn from patch space to st)
 - shapes: (tex coords of the centre, number of the image or -1, sectors), `slices` tables of `bins` sectors, the contour
   (at a morph of 0, the way to one of 1), whose first `_AFTER` vertices follow again after the last, and tex coords (of
@@ -41,6 +41,7 @@ __all__ = ["ArrangementSource", "ArrangementTexels", "ColorSource", "Layout"]
 
 _ROW_BITS = 10
 _MOST_ROWS = 4096  # rows get longer where this many do not hold all
+_LOW = 2048  # whole numbers that half floats hold
 _AFTER = 19  # vertices that follow again after the last: so far UMBRELLA_TRIES rounds of two sectors reach
 _MOST_BINS = 1024
 _SLICES = 8  # tables of a shape that morphs
@@ -153,9 +154,13 @@ def _in_rows(flat: NDArray) -> NDArray:
 
 
 def _color_texels(arrangement: Arrangement) -> NDArray[np.float16]:
-    """Signed offsets by vertex."""
+    """Signed offsets by vertex. Their fourth components tell the umbrella: low part at its centre, high part around."""
     colors = np.zeros((max(len(arrangement.colors), 1), 4), np.float16)
-    colors[: len(arrangement.colors), :3] = arrangement.colors
+    if len(arrangement.colors):
+        colors[:, :3] = arrangement.colors
+        number = np.arange(len(arrangement))
+        colors[:, 3] = np.repeat(number // _LOW, arrangement.vertex_counts)
+        colors[arrangement.first_vertex[:-1], 3] = number % _LOW
     return colors
 
 
@@ -198,7 +203,7 @@ def _entry_rows(cells: Cells, arrangement: Arrangement, address: NDArray[np.int6
     # 1 at the centre, so that w is positive before infinity; everywhere where it is affine.
     at_center = np.einsum("nj,nj->n", np.concatenate([center, np.ones((len(center), 1))], 1), matrix[number][:, :, 2])
     rows[:, :, :3] *= at_center[:, None, None]
-    rows[:, 0, 3] = number
+    rows[:, 0, 3] = arrangement.first_vertex[number] if len(arrangement.colors) else number
     rows[:, 1, 3] = address[arrangement.shape_of[number]]
     rows[:, 2, 3] = arrangement.morphs[number]
     return rows
