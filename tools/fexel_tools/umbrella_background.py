@@ -24,7 +24,7 @@ __all__ = ["AUTO", "NONE", "Background", "choose_background", "tiled"]
 
 AUTO, NONE = "auto", "none"
 _LARGEST_PX = 4096
-_CELL_PX = 64  # texels of the picture in a cell of the grid, at most
+_CELL_PX = 32  # texels of the picture in a cell of the grid, at most
 _SHADE = 0.3  # of the elements' mean colour: what shows between cut-outs lies in their shade
 
 Color = tuple[float, float, float, float]

@@ -26,6 +26,7 @@ __all__ = [
     "parse_grid",
     "parse_range",
     "parse_vector",
+    "read_files",
 ]
 
 KINDS = ("auto", "cutout", "object", "many")
@@ -77,7 +78,7 @@ class UmbrellaOptions:
     arrangement : str
         ``random``, ``blue-noise``, a CSV file or ``stage.usd:/prim``.
     order : str
-        What lies in front: ``random``, ``size`` or ``given``.
+        What lies in front: ``auto``, ``random``, ``size`` or ``given``, see `ArrangeOptions`.
     size : (float, float)
         Grid cells, range of the longer side of the largest element.
     rotation : (float, float)
@@ -117,7 +118,7 @@ class UmbrellaOptions:
     color_blend: float = 1.0
     morph: float = 0.6
     arrangement: str = "random"
-    order: str = "random"
+    order: str = ArrangeOptions.order
     size: tuple[float, float] = ArrangeOptions.size
     rotation: tuple[float, float] = ArrangeOptions.rotation
     levels: str = "image"
@@ -191,6 +192,13 @@ def check_options(options: UmbrellaOptions) -> None:
     if options.raw and options.drives in _COLOR_INPUTS:
         raise FexelError(f"--raw: data cannot drive {options.drives}, which takes colours")
     _check_files(options)
+
+
+def read_files(options: UmbrellaOptions) -> list[str]:
+    """Files that are read besides the photos: hints, references, background, a table of places."""
+    background = options.background if isinstance(options.background, str) else ""
+    named = (options.hints, *options.references, background, options.arrangement.split(":/", 1)[0])
+    return [file for file in named if file and Path(file).is_file()]
 
 
 def _check_files(options: UmbrellaOptions) -> None:

@@ -29,8 +29,9 @@ _ARRANGEMENT_PX = 900
 _MARGIN = 0.08  # of a panel
 _PAPER_LINEAR = (0.35, 0.35, 0.35, 1.0)
 _PAPER = (24, 24, 26)
-_LINE, _SPOKE, _CENTRE = (255, 70, 200), (120, 120, 130), (60, 240, 255)
-_GRID_LINE = 0.35  # how much of the picture's light a line of the grid leaves
+_LINE, _CENTRE = (255, 70, 200), (60, 240, 255)
+_SPOKE = 0.3  # opacity of spokes, white
+_GRID_LINE = 0.55  # how much of the picture's light a line of the grid leaves
 _GAP = 6
 _ROWS = ("bases: contour, spokes and centre", "other colours", "other shapes", "both")
 
@@ -129,8 +130,11 @@ def _example(arrangement: Arrangement, number: int) -> int | None:
 
 def _draw_outline(panel: NDArray[np.uint8], vertices: NDArray[np.float64]) -> None:
     pixels = np.rint(vertices * (1, -1) * _PANEL_PX + (0, _PANEL_PX)).astype(np.int32)
+    spokes = np.zeros(panel.shape[:2], np.uint8)
     for vertex in pixels[1:]:
-        cv2.line(panel, pixels[0].tolist(), vertex.tolist(), _SPOKE, 1, cv2.LINE_AA)
+        cv2.line(spokes, pixels[0].tolist(), vertex.tolist(), 255, 1, cv2.LINE_AA)
+    share = (spokes * np.float32(_SPOKE / 255))[..., None]
+    panel[:] = np.rint(panel * (1 - share) + 255 * share).astype(np.uint8)
     cv2.polylines(panel, [pixels[1:]], True, _LINE, 1, cv2.LINE_AA)
     for vertex in pixels[1:]:
         cv2.circle(panel, vertex.tolist(), 1, _LINE, -1, cv2.LINE_AA)

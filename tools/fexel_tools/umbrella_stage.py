@@ -26,18 +26,18 @@ import numpy as np
 from pxr import Gf, Sdf, Usd, UsdLux, UsdShade, Vt
 
 import fexel
+from fexel.textures.umbrella import DIGEST_KEY
 from fexel.textures.umbrella_arrangement import Arrangement
 from fexel_tools.geometry import Surface, define_surface
 from fexel_tools.texture_stage import MATERIALS, begin_stage, define_preview_surface, finish_stage
 from fexel_tools.umbrella_cameras import ASPECT, FRAMES, HORIZON_CELLS, ground_cameras, world_point
 
-__all__ = ["MATERIAL_PATH", "LevelPrim", "UmbrellaMap", "create_stage", "define_level"]
+__all__ = ["MATERIAL_PATH", "LevelPrim", "UmbrellaMap", "create_stage", "define_level", "write_levels"]
 
 MATERIAL_PATH = f"{MATERIALS}/Umbrella"
 _FRAMES_PER_SECOND = 24.0
 _MOST_NUMBERS_AS_TEXT = 20_000
 _ARRANGEMENT_FILE, _ARRANGEMENT_PATH = "arrangement.usdc", "/Arrangement"
-_DIGEST = "fexel:arrangement"  # of a level's customData: of what it was made from
 _GREY = 0.5  # diffuse colour of a surface whose texture is not its colour
 _FLOAT, _FLOAT3 = Sdf.ValueTypeNames.Float, Sdf.ValueTypeNames.Float3
 _TYPES = {
@@ -153,19 +153,39 @@ def create_stage(
     return stage
 
 
-def define_level(texture: fexel.UmbrellaTexture, level: LevelPrim) -> None:
-    """Author a level below a texture, on the stage's edit target."""
+def define_level(texture: fexel.UmbrellaTexture, level: LevelPrim, arrays: str = "") -> None:
+    """Author a level below a texture, on the stage's edit target.
+
+    Parameters
+    ----------
+    texture : fexel.UmbrellaTexture
+    level : LevelPrim
+    arrays : str
+        Layer, relative to the stage, from `write_levels`, that holds the arrays of merged umbrellas; '' authors them
+        here.
+    """
     prim = texture.GetPrim()
     path = prim.GetPath().AppendChild(f"Level{level.level}")
     author = fexel.UmbrellaLevel.Define(prim.GetStage(), path)
     author.CreateLevelAttr(level.level)
     author.CreateGridAttr(Gf.Vec2i(*level.grid))
-    author.GetPrim().SetCustomDataByKey(_DIGEST, level.digest)
+    author.GetPrim().SetCustomDataByKey(DIGEST_KEY, level.digest)
     if level.file:
         color_space = texture.GetSourceColorSpaceAttr().Get()
         author.CreateFileAttr(Sdf.AssetPath(level.file)).SetColorSpace(color_space)
-    if level.arrangement is not None:
+    if arrays:
+        author.GetPrim().GetReferences().AddReference(arrays, f"/{path.name}")
+    elif level.arrangement is not None:
         _define_merged(author, level.arrangement)
+
+
+def write_levels(path: Path, levels: Sequence[LevelPrim]) -> None:
+    """Write the arrays of merged levels as a layer for `define_level`."""
+    stage = Usd.Stage.CreateNew(str(path))
+    for level in levels:
+        if level.arrangement is not None:
+            _define_merged(fexel.UmbrellaLevel.Define(stage, f"/Level{level.level}"), level.arrangement)
+    stage.GetRootLayer().Save()
 
 
 def _define_merged(author: fexel.UmbrellaLevel, merged: Arrangement) -> None:

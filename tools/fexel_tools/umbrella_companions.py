@@ -1,0 +1,134 @@
+"""The maps of a ground: its main texture, and what else is known of the same elements, normals and roughness.
+
+A companion map is an image of the name and the size of the photo it goes with. Each base's is cut and scaled as the
+base's texture is, so that one arrangement serves all maps.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fexel.errors import FexelError
+from fexel.textures.umbrella_arrangement import Arrangement
+from fexel_tools.umbrella_background import Background
+from fexel_tools.umbrella_options import UmbrellaOptions
+from fexel_tools.umbrella_solution import Ground
+from fexel_tools.umbrella_textures import bits_of
+
+__all__ = ["MapData", "companion_maps", "main_map"]
+
+_FLAT = (0.5, 0.5, 1.0, 1.0)  # the normal of a plain ground, encoded
+_ROUGH = (0.9, 0.9, 0.9, 1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class MapData:
+    """One quantity of a ground, not yet written.
+
+    Attributes
+    ----------
+    name : str
+        Of its prim.
+    drives : str
+        Input of UsdPreviewSurface.
+    textures : tuple of (h, w, 4) float32
+        Of each base: linear (or data), straight alpha.
+    background : Background
+        Stored values, for data.
+    arrangement : Arrangement
+        With the colours and shadows that apply to it.
+    bits : tuple of int
+        Of each base's file.
+    is_data : bool
+    is_vectors : bool
+        Encoded (v + 1) / 2.
+    """
+
+    name: str
+    drives: str
+    textures: tuple[NDArray[np.float32], ...]
+    background: Background
+    arrangement: Arrangement
+    bits: tuple[int, ...]
+    is_data: bool = False
+    is_vectors: bool = False
+
+    @property
+    def has_colors(self) -> bool:
+        """Whether vertex colours apply."""
+        return not self.is_data
+
+    @property
+    def behind(self) -> NDArray[np.float32] | tuple[float, ...]:
+        """The background as `fexel_tools.umbrella_raster` takes it."""
+        return self.background.color if self.background.picture is None else self.background.picture
+
+    @property
+    def fallback_color(self) -> tuple[float, float, float, float]:
+        """Mean of the background as it is seen: vectors decoded."""
+        red, green, blue, alpha = self.background.color
+        return (2 * red - 1, 2 * green - 1, 2 * blue - 1, alpha) if self.is_vectors else self.background.color
+
+
+def main_map(ground: Ground, options: UmbrellaOptions) -> MapData:
+    """What the photos themselves show."""
+    is_vectors = options.driven == "normal"
+    background = ground.background
+    if is_vectors and options.background == "auto":
+        background = Background(None, _FLAT)
+    return MapData(
+        name="Texture",
+        drives=options.driven,
+        textures=ground.textures,
+        background=background,
+        arrangement=ground.arrangement,
+        bits=tuple(bits_of(element.path, options.is_data) for element in ground.elements),
+        is_data=options.is_data,
+        is_vectors=is_vectors,
+    )
+
+
+def companion_maps(ground: Ground, options: UmbrellaOptions) -> list[MapData]:
+    """Normal and roughness maps that were given.
+
+    Raises
+    ------
+    FexelError
+        A map is missing, cannot be read, or is not of its photo's size.
+    """
+    arrangement = replace(ground.arrangement, colors=np.zeros((0, 3), np.float32), shadow_strength=0.0)
+    maps = []
+    for folder, name, drives, color in (
+        (options.normal_maps, "Normal", "normal", _FLAT),
+        (options.roughness_maps, "Roughness", "roughness", _ROUGH),
+    ):
+        if folder:
+            files = [_map_file(Path(folder), element.path, drives) for element in ground.elements]
+            maps.append(
+                MapData(
+                    name=name,
+                    drives=drives,
+                    textures=tuple(_texture(ground, number, file) for number, file in enumerate(files)),
+                    background=Background(None, color),
+                    arrangement=arrangement,
+                    bits=tuple(bits_of(file, True) for file in files),
+                    is_data=True,
+                    is_vectors=drives == "normal",
+                )
+            )
+    return maps
+
+
+def _map_file(folder: Path, photo: Path, what: str) -> Path:
+    """The map that goes with a photo: of its name, with whatever extension."""
+    same = folder / photo.name
+    if same.is_file():
+        return same
+    found = sorted(path for path in folder.iterdir() if path.stem == photo.stem and path.is_file())
+    if not found:
+        raise FexelError(f"{folder}: has no {what} map for {photo}, expected {photo.name}")
+    return found[0]
