@@ -7,13 +7,13 @@ from fexel import homography
 from fexel.textures.umbrella_arrangement import Arrangement, Shape
 from fexel.textures.umbrella_geometry import (
     FULL_TURN,
-    Sectors,
     fold_weight,
     is_star_shaped,
     pseudo_angle,
     signed_area,
     turns,
 )
+from fexel.textures.umbrella_sectors import Sectors
 
 SQUARE = np.array([(0, 0), (-1, -1), (1, -1), (1, 1), (-1, 1)], float)
 

@@ -10,7 +10,8 @@ from pxr import Gf, Sdf, Usd, Vt
 import fexel
 from fexel.errors import FexelWarning
 from fexel.textures.umbrella import DIGEST_KEY, extract, level_digest
-from fexel.textures.umbrella_geometry import Sectors, signed_area
+from fexel.textures.umbrella_geometry import signed_area
+from fexel.textures.umbrella_sectors import Sectors
 
 NOW = Usd.TimeCode.Default()
 SQUARE = [(0, 0), (-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)]

@@ -1,14 +1,15 @@
 """UmbrellaTexture prims as data: a few base umbrellas, many times placed and varied over a background.
 
 Just-in-time texture synthesis (2012), sections 4 to 6. No file is touched: images are opened only when a frame sees
-them. Arrays are repaired where they can be (`umbrella_arrays`); what is left can be drawn as it is. Levels of detail
-are derived data: each carries the digest of what it was made from, and one that no longer goes with its arrangement is
-left out.
+them. Arrays are mended where they can be (`umbrella_arrays`, `umbrella_patch`, `umbrella_merged`); what is left can be
+drawn as it is. Levels of detail are derived data: each carries the digest of what it was made from, and one that no
+longer goes with its arrangement is left out.
 """
 
 from __future__ import annotations
 
 import hashlib
+import math
 import os
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -22,7 +23,9 @@ from fexel.schema.umbrella import UmbrellaTexture
 from fexel.textures.image_source import BIAS_ZERO, PATCH_WRAP, SCALE_ONE, ImageSource, fallback_of, wrap_of
 from fexel.textures.inputs import Inputs, warn, warn_of_filter
 from fexel.textures.umbrella_arrangement import Arrangement
-from fexel.textures.umbrella_arrays import PatchArrays, read_arrangement, read_level, read_patch
+from fexel.textures.umbrella_arrays import read_arrangement
+from fexel.textures.umbrella_merged import read_level
+from fexel.textures.umbrella_patch import PatchArrays, read_patch
 
 __all__ = [
     "DIGEST_KEY",
@@ -192,7 +195,7 @@ def _look(inputs: Inputs) -> dict[str, Any]:
     offset = inputs.vector("shadowOffset", (0.0, 0.0))
     return {
         "color_blend": _share(inputs, "colorBlend", 1.0),
-        "shadow_offset": (offset[0], offset[1]),
+        "shadow_offset": (math.fmod(offset[0], 1.0), math.fmod(offset[1], 1.0)),  # all repeats
         "shadow_strength": _share(inputs, "shadowStrength", 0.0),
     }
 

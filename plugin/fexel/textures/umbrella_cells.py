@@ -4,9 +4,6 @@ A cell lists every umbrella that touches it, or touches it moved against the sha
 comes in over the borders of the unit square. The list ends at an opaque umbrella that covers the whole cell (occlusion
 culling, U7), and what only casts shadows ends where one of opaque umbrellas covers the cell. Never is one missing that
 a point of the cell needs; one more may be listed than touches it.
-
-Every umbrella gets a small picture of the cells around it: pieces of its contour, grown by a margin, mark the cells
-that it crosses; a winding number of cell centres, summed along rows, tells which of the others lie inside.
 """
 
 from __future__ import annotations
@@ -18,7 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fexel.textures.umbrella_arrangement import Arrangement
-from fexel.textures.umbrella_geometry import Sectors
+from fexel.textures.umbrella_coverage import (
+    Grid,
+    Pictures,
+    contour_edges,
+    coverage,
+    picture_boxes,
+    umbrella_bounds,
+)
+from fexel.textures.umbrella_sectors import Sectors
 
 __all__ = [
     "CASTS",
@@ -35,8 +40,6 @@ __all__ = [
 VISIBLE, CASTS, COVERS, SHADES = 1, 2, 4, 8
 """Flags of entries: may be seen in the cell; may cast a shadow there; surely covers, surely shades the whole of it."""
 
-_PIECE = 0.5  # longest piece of a contour, in cells: its bounding box stands for it
-_ROUNDING = 1e-7  # cells: what float64 may be off by, with a thousand cells along an axis, a thousand times over
 _MOST_PICTURE = 1 << 22  # cells of umbrellas' pictures at a time, for memory
 _MOST_EDGES = 1 << 19  # edges at a time, likewise
 _MOST_CELLS = 1 << 20  # that `fine_size` proposes
@@ -134,15 +137,14 @@ def build_cells(
     """
     columns, rows = max(1, int(size[0])), max(1, int(size[1]))
     margins = np.broadcast_to(np.asarray(margin, np.float64), 2) * (columns, rows)
-    grid = _Grid(columns, rows, margins)
+    grid = Grid(columns, rows, margins)
     hides = _hides(arrangement, opaque)
-    casts = arrangement.shadow_strength > 0
-    offset = np.array(arrangement.shadow_offset) * (columns, rows)
+    offset = np.array(arrangement.shadow_offset) * grid.scale if arrangement.shadow_strength > 0 else None
     is_star = Sectors(arrangement).is_star
     closed, dark = np.zeros(columns * rows, bool), np.zeros(columns * rows, bool)
     parts: list[_Entries] = []
-    for umbrellas in _portions(arrangement, grid, offset if casts else None):
-        entries = _entries(arrangement, umbrellas, grid, offset if casts else None, is_star)
+    for umbrellas, pictures in _portions(arrangement, grid, offset):
+        entries = _entries(arrangement, umbrellas, pictures, grid, offset, is_star[umbrellas])
         if cull:
             entries = _culled(entries, hides, closed, dark)
         parts.append(entries)
@@ -179,11 +181,10 @@ def fine_size(arrangement: Arrangement, list_length: float = 3.0, most: int = _M
     """
     if not len(arrangement):
         return 1, 1
-    low, high = _bounds(arrangement)
+    low, high = umbrella_bounds(arrangement)
     extent = np.median(high - low, axis=0)
-    filled = np.sqrt(
-        np.median(_areas(arrangement) / np.maximum(np.prod(high - low, axis=1), 1e-300))
-    )  # a point fills 0
+    boxes = np.maximum(np.prod(high - low, axis=1), 1e-300)  # of a point, which fills nothing
+    filled = np.sqrt(np.median(_areas(arrangement) / boxes))
     root = np.sqrt(max(list_length, 1.0 + 1e-6))
     side = np.clip((filled * root - 1.0) / (1.0 + root), 1 / 32, 1.0) * np.maximum(extent, 1e-6)
     size = np.clip(1.0 / side, 1.0, most)
@@ -192,18 +193,9 @@ def fine_size(arrangement: Arrangement, list_length: float = 3.0, most: int = _M
 
 
 @dataclass(frozen=True, eq=False)
-class _Grid:
-    columns: int
-    rows: int
-    margin: NDArray[np.float64]  # (2,) in cells
-
-    @property
-    def scale(self) -> NDArray[np.float64]:
-        return np.array([self.columns, self.rows], np.float64)
-
-
-@dataclass(frozen=True, eq=False)
 class _Entries:
+    """As `Cells`, each with its cell."""
+
     cell: NDArray[np.int64]
     umbrella: NDArray[np.int32]
     shift: NDArray[np.int8]
@@ -223,36 +215,22 @@ def _hides(arrangement: Arrangement, opaque: NDArray[np.bool_] | None) -> NDArra
     return np.asarray(opaque, bool)[arrangement.shape_of] & whole
 
 
-def _bounds(arrangement: Arrangement) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(n, 2) lowest and highest coordinates of each umbrella, in st."""
-    begin = arrangement.first_vertex[:-1]
-    return np.minimum.reduceat(arrangement.vertices, begin), np.maximum.reduceat(arrangement.vertices, begin)
-
-
 def _areas(arrangement: Arrangement) -> NDArray[np.float64]:
     """(n,) of the contours in st."""
-    begin, end = _edges(arrangement, np.arange(len(arrangement)))
+    begin, end = contour_edges(arrangement, np.arange(len(arrangement)))
     origin = np.repeat(arrangement.vertices[arrangement.first_vertex[:-1]], arrangement.vertex_counts - 1, axis=0)
     a, b = arrangement.vertices[begin] - origin, arrangement.vertices[end] - origin
     first = arrangement.first_vertex[:-1] - np.arange(len(arrangement))
     return 0.5 * np.abs(np.add.reduceat(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0], first))
 
 
-def _edges(arrangement: Arrangement, umbrellas: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Vertices at both ends of every contour edge of consecutive umbrellas."""
-    low, high = arrangement.first_vertex[umbrellas[0]], arrangement.first_vertex[umbrellas[-1] + 1]
-    begin = np.delete(np.arange(low, high), arrangement.first_vertex[umbrellas] - low)
-    end = begin + 1
-    last = np.cumsum(arrangement.vertex_counts[umbrellas] - 1) - 1
-    end[last] = arrangement.first_vertex[umbrellas] + 1
-    return begin, end
-
-
-def _portions(arrangement: Arrangement, grid: _Grid, offset: NDArray[np.float64] | None) -> Iterator[NDArray[np.int64]]:
-    """Consecutive umbrellas, as many as fit into memory at a time."""
+def _portions(
+    arrangement: Arrangement, grid: Grid, offset: NDArray[np.float64] | None
+) -> Iterator[tuple[NDArray[np.int64], Pictures]]:
+    """Consecutive umbrellas, as many as fit into memory at a time, and their pictures to be filled."""
     if not len(arrangement):
         return
-    low, high = _picture_boxes(arrangement, slice(None), grid, offset)
+    low, high = picture_boxes(arrangement, grid, offset)
     cells = np.cumsum(np.prod(high - low + (1, 0), axis=1))
     edges = np.cumsum(arrangement.vertex_counts)
     done, count = 0, len(arrangement)
@@ -263,40 +241,26 @@ def _portions(arrangement: Arrangement, grid: _Grid, offset: NDArray[np.float64]
             np.searchsorted(edges, used_edges + _MOST_EDGES, "right"),
         )
         end = max(int(fits), done + 1)
-        yield np.arange(done, end)
+        yield np.arange(done, end), Pictures(low[done:end], high[done:end])
         done = end
-
-
-def _picture_boxes(
-    arrangement: Arrangement, umbrellas: slice, grid: _Grid, offset: NDArray[np.float64] | None
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """(n, 2) first cells of the umbrellas' pictures, and those past the end; cells are not wrapped."""
-    low, high = (bound[umbrellas] * grid.scale for bound in _bounds(arrangement))
-    if offset is not None:
-        low, high = np.minimum(low, low + offset), np.maximum(high, high + offset)
-    grown = grid.margin + _ROUNDING
-    return np.floor(low - grown).astype(np.int64), np.floor(high + grown).astype(np.int64) + 1
 
 
 def _entries(
     arrangement: Arrangement,
     umbrellas: NDArray[np.int64],
-    grid: _Grid,
+    pictures: Pictures,
+    grid: Grid,
     offset: NDArray[np.float64] | None,
     is_star: NDArray[np.bool_],
 ) -> _Entries:
     """Cells that umbrellas and their shadows touch, umbrella by umbrella."""
-    portion = slice(umbrellas[0], umbrellas[-1] + 1)
-    low, high = _picture_boxes(arrangement, portion, grid, offset)
-    pictures = _Pictures(low, high)
-    begin, end = _edges(arrangement, umbrellas)
+    begin, end = contour_edges(arrangement, umbrellas)
     owner = np.repeat(np.arange(len(umbrellas)), arrangement.vertex_counts[umbrellas] - 1)
     p, q = arrangement.vertices[begin] * grid.scale, arrangement.vertices[end] * grid.scale
-    star = is_star[umbrellas]
-    touches, covers = _coverage(pictures, owner, p, q, grid.margin, star)
+    touches, covers = coverage(pictures, owner, p, q, grid.margin, is_star)
     flags = touches * np.uint8(VISIBLE) + covers * np.uint8(COVERS)
     if offset is not None:
-        touches, covers = _coverage(pictures, owner, p + offset, q + offset, grid.margin, star)
+        touches, covers = coverage(pictures, owner, p + offset, q + offset, grid.margin, is_star)
         flags += touches * np.uint8(CASTS) + covers * np.uint8(SHADES)
     place = np.flatnonzero(flags)
     number, column, row = pictures.locate(place)
@@ -304,103 +268,6 @@ def _entries(
     shift_t, j = np.divmod(row, grid.rows)
     shift = np.stack([shift_s, shift_t], axis=1).astype(np.int8)
     return _Entries(j * grid.columns + i, umbrellas[number].astype(np.int32), shift, flags[place])
-
-
-class _Pictures:
-    """Cells around each umbrella, row by row, one umbrella after the other; every row has a slot past its end."""
-
-    def __init__(self, low: NDArray[np.int64], high: NDArray[np.int64]) -> None:
-        self.low = low
-        self.width = high[:, 0] - low[:, 0] + 1
-        self.height = high[:, 1] - low[:, 1]
-        self.first = np.concatenate([[0], np.cumsum(self.width * self.height)])
-
-    @property
-    def total(self) -> int:
-        return int(self.first[-1])
-
-    def slot(self, owner: NDArray[np.int64], column: NDArray[np.int64], row: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Of cells that lie in the picture."""
-        low = self.low[owner]
-        return self.first[owner] + (row - low[:, 1]) * self.width[owner] + (column - low[:, 0])
-
-    def locate(self, slot: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-        """Umbrella, column and row of slots."""
-        owner = np.searchsorted(self.first, slot, side="right") - 1
-        row, column = np.divmod(slot - self.first[owner], self.width[owner])
-        return owner, column + self.low[owner, 0], row + self.low[owner, 1]
-
-    def is_cell(self) -> NDArray[np.bool_]:
-        """(total,) False for the slots past the ends of rows."""
-        result = np.ones(self.total, bool)
-        ends = np.repeat(self.first[:-1] + self.width - 1, self.height)
-        rows = np.arange(len(ends)) - np.repeat(np.cumsum(self.height) - self.height, self.height)
-        result[ends + rows * np.repeat(self.width, self.height)] = False
-        return result
-
-
-def _coverage(
-    pictures: _Pictures,
-    owner: NDArray[np.int64],
-    p: NDArray[np.float64],
-    q: NDArray[np.float64],
-    margin: NDArray[np.float64],
-    is_star: NDArray[np.bool_],
-) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Cells that contours p to q touch, and those that they cover whole; of an odd contour, all cells around touch."""
-    crossed = np.zeros(pictures.total, bool)
-    _mark_contours(crossed, pictures, owner, p, q, margin)
-    inside = _windings(pictures, owner, p, q) != 0
-    covers = inside & ~crossed
-    touches = inside | crossed
-    if not is_star.all():
-        odd = np.repeat(~is_star, np.diff(pictures.first))
-        covers[odd] = False
-        touches |= odd & pictures.is_cell()
-    return touches, covers
-
-
-def _mark_contours(
-    crossed: NDArray[np.bool_],
-    pictures: _Pictures,
-    owner: NDArray[np.int64],
-    p: NDArray[np.float64],
-    q: NDArray[np.float64],
-    margin: NDArray[np.float64],
-) -> None:
-    """Mark the cells that a contour grown by the margin touches: bounding boxes of short pieces."""
-    pieces = np.maximum(np.ceil(np.abs(q - p).max(axis=1) / _PIECE), 1).astype(np.int64)
-    number = np.arange(pieces.sum()) - np.repeat(np.cumsum(pieces) - pieces, pieces)
-    step = np.repeat((q - p) / pieces[:, None], pieces, axis=0)
-    begin = np.repeat(p, pieces, axis=0) + number[:, None] * step
-    owner = np.repeat(owner, pieces)
-    end = begin + step
-    grown = margin + _ROUNDING
-    low = np.floor(np.minimum(begin, end) - grown).astype(np.int64)
-    extent = np.floor(np.maximum(begin, end) + grown).astype(np.int64) - low
-    slot, width = pictures.slot(owner, low[:, 0], low[:, 1]), pictures.width[owner]
-    widest, highest = extent.max(axis=0)
-    for up in range(highest + 1):
-        for across in range(widest + 1):
-            used = (extent[:, 0] >= across) & (extent[:, 1] >= up)
-            crossed[slot[used] + up * width[used] + across] = True
-
-
-def _windings(
-    pictures: _Pictures, owner: NDArray[np.int64], p: NDArray[np.float64], q: NDArray[np.float64]
-) -> NDArray[np.int32]:
-    """How often contours run around each cell's centre; not exact where they cross the cell."""
-    low = np.ceil(np.minimum(p[:, 1], q[:, 1]) - 0.5).astype(np.int64)  # rows whose centre lies at or above the one end
-    count = np.ceil(np.maximum(p[:, 1], q[:, 1]) - 0.5).astype(np.int64) - low  # and below the other
-    edge = np.repeat(np.arange(len(p)), count)
-    row = low[edge] + np.arange(len(edge)) - np.repeat(np.cumsum(count) - count, count)
-    slope = (q[edge, 0] - p[edge, 0]) / (q[edge, 1] - p[edge, 1])
-    at = p[edge, 0] + (row + 0.5 - p[edge, 1]) * slope
-    column = np.ceil(np.clip(at, np.minimum(p[edge, 0], q[edge, 0]), np.maximum(p[edge, 0], q[edge, 0])) - 0.5)
-    slot = pictures.slot(owner[edge], column.astype(np.int64), row)
-    steps = np.zeros(pictures.total, np.int32)
-    np.add.at(steps, slot, np.where(q[edge, 1] > p[edge, 1], np.int32(-1), np.int32(1)))
-    return np.cumsum(steps, dtype=np.int32)  # the steps of a row sum to zero
 
 
 def _culled(

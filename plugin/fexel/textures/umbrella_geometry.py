@@ -1,19 +1,10 @@
-"""Star-shaped polygons about a centre: which sector holds a point, where in it, and how far a shape may morph.
+"""Star-shaped polygons about a centre: directions, orientation, how far a shape may morph, how an umbrella is turned.
 
-A sector is the triangle of the centre and two neighbouring contour vertices; an umbrella of V vertices has V - 1 of
-them. It is found by the angle about the centre (Just-in-time texture synthesis, 2012, section 6.1), which is measured
-as the pseudo-angle of `pseudo_angle`: it orders directions as the angle does, without a trigonometric function. A
-vertex at the centre inherits the angle of its predecessor (notes U2). All is done in patch space, where a mirrored
-placement changes no orientation and perspective is exact.
-
-A sector without area, of coincident vertices or seen from the centre along a line, draws nothing. Neither does a sector
-that folds: what is drawn of a contour that the centre does not see in whole are the sectors that turn forward.
+A sector is the triangle of the centre and two neighbouring contour vertices. A shape folds where one of them turns
+backward, which the cross product of its spokes tells. Points are (V, 2), the centre first.
 """
 
 from __future__ import annotations
-
-from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,15 +12,23 @@ from numpy.typing import NDArray
 from fexel import homography
 from fexel.textures.umbrella_arrangement import Arrangement
 
-__all__ = ["FULL_TURN", "Sectors", "fold_weight", "is_star_shaped", "pseudo_angle", "signed_area", "turns"]
+__all__ = [
+    "FLAT",
+    "FULL_TURN",
+    "cross",
+    "fold_weight",
+    "half_turn",
+    "is_star_shaped",
+    "pseudo_angle",
+    "signed_area",
+    "turns",
+]
 
 FULL_TURN = 4.0
 """Of a pseudo-angle."""
 
-_KEY = 2 * FULL_TURN  # from one umbrella to the next, so that all starts of sectors are one sorted array
-_NO_AREA = 1e-12  # of a sector, relative to the square of the umbrella's size: below it barycentrics are noise
-_FOLD = 1e-6  # likewise: what 32-bit coordinates leave of a sector that is meant to be flat
-_BESIDE = -1e-6  # barycentric coordinate beside a spoke: rounding gives less, a point in no sector more
+FLAT = 1e-6
+"""Area of a sector, relative to the square of the size, that 32-bit coordinates leave of a flat one."""
 
 
 def pseudo_angle(xy: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -65,7 +64,7 @@ def is_star_shaped(points: NDArray[np.float64]) -> bool:
     around = points[1:] - points[0]
     after = np.roll(around, -1, axis=0)
     size = np.abs(around).max(initial=0.0)
-    if (_cross(around, after) < -_FOLD * size**2).any():
+    if (cross(around, after) < -FLAT * size**2).any():
         return False
     turn = _turns(pseudo_angle(around[np.any(around != 0, axis=1)])).sum()
     return bool(abs(turn - FULL_TURN) < 1.0)
@@ -89,10 +88,10 @@ def fold_weight(points: NDArray[np.float64], morph_points: NDArray[np.float64]) 
         return 1.0
     spoke, way = start / size, (end - start) / size
     following, its_way = np.roll(spoke, -1, axis=0), np.roll(way, -1, axis=0)
-    c = _cross(spoke, following)
-    b = _cross(spoke, its_way) + _cross(way, following)
-    a = _cross(way, its_way)
-    folds = (c >= -_FOLD) & (_lowest(a, b, c) < -_FOLD)
+    c = cross(spoke, following)
+    b = cross(spoke, its_way) + cross(way, following)
+    a = cross(way, its_way)
+    folds = (c >= -FLAT) & (_lowest(a, b, c) < -FLAT)
     roots = [_first_root(*abc) for abc in zip(a[folds], b[folds], c[folds], strict=True)]
     return float(min(roots, default=1.0))
 
@@ -114,16 +113,18 @@ def _first_root(a: float, b: float, c: float) -> float:
     return min(roots, default=1.0)
 
 
-def _cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+def cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Cross products of vectors (..., 2)."""
     return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
 
 
 def _turns(angles: NDArray[np.float64]) -> NDArray[np.float64]:
     """From each direction to the next around, in (-2, 2]."""
-    return _half_turn(np.roll(angles, -1) - angles)
+    return half_turn(np.roll(angles, -1) - angles)
 
 
-def _half_turn(difference: NDArray[np.float64]) -> NDArray[np.float64]:
+def half_turn(difference: NDArray[np.float64]) -> NDArray[np.float64]:
+    """A difference of pseudo-angles the short way around, in (-2, 2]."""
     return 2.0 - np.mod(2.0 - difference, FULL_TURN)
 
 
@@ -140,166 +141,10 @@ def turns(arrangement: Arrangement) -> NDArray[np.float64]:
         return np.zeros((0, 2, 2))
     centers = arrangement.points[arrangement.first_vertex[:-1]]
     jacobian = homography.jacobian(arrangement.matrices, centers[:, None])[:, 0]
-    mirror = np.where(_cross(jacobian[:, :, 0], jacobian[:, :, 1]) < 0, -1.0, 1.0)
+    mirror = np.where(cross(jacobian[:, :, 0], jacobian[:, :, 1]) < 0, -1.0, 1.0)
     cosine = jacobian[:, 0, 0] + mirror * jacobian[:, 1, 1]
     sine = jacobian[:, 1, 0] - mirror * jacobian[:, 0, 1]
     size = np.hypot(cosine, sine)
     safe = np.where(size > 0, size, 1.0)  # 0 for a singular matrix alone
     cosine, sine = np.where(size > 0, cosine / safe, 1.0), sine / safe
     return np.stack([cosine, -mirror * sine, sine, mirror * cosine], axis=1).reshape(-1, 2, 2)
-
-
-@dataclass(frozen=True, eq=False)
-class Sectors:
-    """The sectors of all umbrellas of an arrangement, for points given in patch space.
-
-    Sectors are counted through all umbrellas: number `s` of umbrella `u` has the spokes to vertices ``s + u + 1`` of
-    `Arrangement.points` and the one after it.
-    """
-
-    arrangement: Arrangement
-
-    @cached_property
-    def first(self) -> NDArray[np.int64]:
-        """(n + 1,) where the sectors of each umbrella begin."""
-        return self.arrangement.first_vertex - np.arange(len(self.arrangement) + 1)
-
-    @cached_property
-    def umbrella(self) -> NDArray[np.int64]:
-        """(S,) the umbrella of each sector."""
-        return np.repeat(np.arange(len(self.arrangement)), np.diff(self.first))
-
-    @cached_property
-    def centers(self) -> NDArray[np.float64]:
-        """(n, 2) centre of each umbrella."""
-        return self.arrangement.points[self.arrangement.first_vertex[:-1]]
-
-    @cached_property
-    def spokes(self) -> NDArray[np.float64]:
-        """(S, 2) from the centre to the vertex where each sector begins."""
-        contour = np.arange(self.first[-1]) + self.umbrella + 1
-        return self.arrangement.points[contour] - self.centers[self.umbrella]
-
-    @cached_property
-    def following(self) -> NDArray[np.int64]:
-        """(S,) the sector after each, around the centre."""
-        after = np.arange(1, self.first[-1] + 1)
-        counts = np.diff(self.first)
-        after[self.first[1:][counts > 0] - 1] = self.first[:-1][counts > 0]
-        return after
-
-    @cached_property
-    def areas(self) -> NDArray[np.float64]:
-        """(S,) twice the area of each sector; 0 where it draws nothing."""
-        area = _cross(self.spokes, self.spokes[self.following])
-        return np.where(area > _NO_AREA * self._sizes[self.umbrella] ** 2, area, 0.0)
-
-    @cached_property
-    def _sizes(self) -> NDArray[np.float64]:
-        """(n,) largest coordinate of a spoke."""
-        if not len(self.spokes):
-            return np.zeros(len(self.arrangement))
-        return np.maximum.reduceat(np.abs(self.spokes).max(axis=1), self.first[:-1])
-
-    @cached_property
-    def angles(self) -> NDArray[np.float64]:
-        """(S,) pseudo-angle of the first spoke of each sector; at the centre, that of the sector before."""
-        angles = pseudo_angle(self.spokes)
-        missing = ~self.spokes.any(axis=1)
-        if missing.any():
-            known = np.where(missing, -1, np.arange(len(angles)))
-            known = np.maximum.accumulate(known)
-            begin = self.first[:-1][self.umbrella]
-            outside = known < begin  # the first spokes: they take the last known one around
-            last = np.maximum.reduceat(np.where(missing, -1, np.arange(len(angles))), self.first[:-1])[self.umbrella]
-            angles = angles[np.where(outside, np.maximum(last, 0), known)]
-        return angles
-
-    @cached_property
-    def starts(self) -> NDArray[np.float64]:
-        """(S,) where each sector begins, from the first one's on, never falling; + 8 for every umbrella before."""
-        turns = _half_turn(self.angles[self.following] - self.angles)
-        summed = np.concatenate([[0.0], np.cumsum(turns)[:-1]])
-        relative = np.clip(summed - summed[self.first[:-1]][self.umbrella], 0.0, FULL_TURN)
-        return np.maximum.accumulate(relative + _KEY * self.umbrella)
-
-    @cached_property
-    def is_star(self) -> NDArray[np.bool_]:
-        """(n,) whether the centre of each umbrella sees its whole contour."""
-        if not len(self.spokes):
-            return np.zeros(len(self.arrangement), bool)
-        begin = self.first[:-1]
-        turns = np.add.reduceat(_half_turn(self.angles[self.following] - self.angles), begin)
-        cross = _cross(self.spokes, self.spokes[self.following])
-        return (np.abs(turns - FULL_TURN) < 1.0) & (np.minimum.reduceat(cross, begin) >= -_NO_AREA * self._sizes**2)
-
-    def find(self, umbrella: NDArray[np.integer], point: NDArray[np.float64]) -> NDArray[np.int64]:
-        """The sector that a direction from the centre lies in.
-
-        Parameters
-        ----------
-        umbrella : (M,) int
-        point : (M, 2) float64
-            Patch space; at the centre any sector will do.
-
-        Returns
-        -------
-        (M,) int64
-        """
-        return self.at_angle(umbrella, pseudo_angle(point - self.centers[umbrella]))
-
-    def at_angle(self, umbrella: NDArray[np.integer], angle: NDArray[np.float64]) -> NDArray[np.int64]:
-        """The sector of each umbrella at a pseudo-angle (M,); (M,) int64."""
-        relative = np.mod(angle - self.angles[self.first[umbrella]], FULL_TURN)
-        key = np.minimum(relative, np.nextafter(FULL_TURN, 0)) + _KEY * umbrella
-        return np.searchsorted(self.starts, key, side="right") - 1
-
-    def barycentric(
-        self, umbrella: NDArray[np.integer], sector: NDArray[np.integer], point: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-        """Coordinates in sectors, and whether there is something to draw.
-
-        Parameters
-        ----------
-        umbrella, sector : (M,) int
-        point : (M, 2) float64
-            Patch space.
-
-        Returns
-        -------
-        weights : (M, 3) float64
-            Of the centre and the two contour vertices; the first is negative outside of the contour. 0 where nothing is
-            drawn.
-        drawn : (M,) bool
-            False for a sector without area, and where the point lies in no sector.
-        """
-        place = point - self.centers[umbrella]
-        area = self.areas[sector]
-        inverse = np.where(area > 0, 1.0 / np.where(area > 0, area, 1.0), 0.0)
-        begin = _cross(place, self.spokes[self.following[sector]]) * inverse
-        end = _cross(self.spokes[sector], place) * inverse
-        drawn = (area > 0) & (begin >= _BESIDE) & (end >= _BESIDE)
-        weights = np.stack([1.0 - begin - end, begin, end], axis=-1)
-        return np.where(drawn[:, None], weights, 0.0), drawn
-
-    def vertices_of(
-        self, umbrella: NDArray[np.integer], sector: NDArray[np.integer]
-    ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-        """Numbers in `Arrangement.points` of the centre and the two contour vertices; (M,) each."""
-        offset = umbrella + 1
-        return self.arrangement.first_vertex[umbrella], sector + offset, self.following[sector] + offset
-
-    def table(self, bins: int = 64) -> NDArray[np.int32]:
-        """The sector at the beginning of each of so many equal parts of the full pseudo-angle.
-
-        A search begins there and steps on while the point lies beyond the spoke at the sector's end.
-
-        Returns
-        -------
-        (n, bins) int32
-            Counted within the umbrella.
-        """
-        umbrella = np.repeat(np.arange(len(self.arrangement)), bins)
-        angle = np.tile(np.arange(bins) * (FULL_TURN / bins), len(self.arrangement))
-        found = self.at_angle(umbrella, angle) - self.first[umbrella]
-        return found.astype(np.int32).reshape(-1, bins)

@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 
 from fexel.textures.umbrella_arrangement import Arrangement
 from fexel.textures.umbrella_cells import CASTS, VISIBLE, Cells, build_cells, fine_size
-from fexel.textures.umbrella_geometry import Sectors, turns
+from fexel.textures.umbrella_geometry import turns
 from fexel.textures.umbrella_images import TwinImage
+from fexel.textures.umbrella_sectors import Sectors
 
 __all__ = ["ArrangementTwin"]
 
