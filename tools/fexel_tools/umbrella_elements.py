@@ -56,6 +56,8 @@ class Element:
         Pixels of the photo in one unit of patch space: the longer side of the photo's largest element.
     pixel : int
         Pixels of the photo on a side of one of `color`: 1, or a power of two where the element is very large.
+    photo_size : (int, int)
+        Width and height of the upright photo.
     """
 
     name: str
@@ -67,6 +69,7 @@ class Element:
     box: Box
     scale_px: float
     pixel: int = 1
+    photo_size: tuple[int, int] = (1, 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,6 +223,7 @@ def _named(
             box=box,
             scale_px=scale,
             pixel=pixel,
+            photo_size=source.size,
         )
         for index, ((color, opacity, box, pixel), quality) in enumerate(zip(cuts, qualities, strict=True))
     )

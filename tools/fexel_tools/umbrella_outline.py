@@ -1,0 +1,111 @@
+"""Outline of an umbrella: a contour of few vertices, and a centre that sees all of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fexel.errors import FexelError
+from fexel_tools.umbrella_centre import (
+    centroid,
+    clearance,
+    kernel_point,
+    most_visible,
+    sees_all,
+    visible_curve,
+)
+from fexel_tools.umbrella_contour import Polygon, area, is_simple, simplify, thinned, trace
+from fexel_tools.umbrella_elements import Element
+from fexel_tools.umbrella_veins import vein_convergence
+
+__all__ = ["Outline", "outline_of"]
+
+_RELATIVE_TOLERANCE = 0.005  # of the element's longer side
+_LEAST_CLEARANCE = 2e-3  # of the longer side: a centre nearer to the line through a side counts as not seeing it
+_HINT_SHARE, _VEINS_SHARE = 0.5, 0.9  # of the most that any point sees: what a wanted centre must see
+
+
+@dataclass(frozen=True, eq=False)
+class Outline:
+    """In pixels of `Element.color`, y up from its lower edge.
+
+    Attributes
+    ----------
+    contour : (K, 2) float64
+        Counter-clockwise; every vertex is visible from the centre.
+    center : (2,) float64
+    lost_area : float
+        Share of the element's area that the centre does not see.
+    tolerance : float
+        Largest distance to the boundary it simplifies.
+    """
+
+    contour: NDArray[np.float64]
+    center: NDArray[np.float64]
+    lost_area: float
+    tolerance: float
+
+
+def outline_of(
+    element: Element,
+    *,
+    most_vertices: int,
+    tolerance: float,
+    wanted: NDArray[np.float64] | str = "auto",
+) -> Outline:
+    """Contour and centre of an element.
+
+    Parameters
+    ----------
+    element : Element
+    most_vertices : int
+        Of the contour.
+    tolerance : float
+        Pixels of `Element.color`.
+    wanted : (2,) float64 or str
+        Where the centre is wanted: pixels of `Element.color`, y up; ``veins``: where they converge; else near the
+        centroid.
+
+    Raises
+    ------
+    FexelError
+        Nothing of the element is opaque.
+    """
+    curve = trace(element.opacity)
+    if len(curve) < 3 or area(curve) <= 0:
+        raise FexelError(f"{element.path}: {element.name} has no area")
+    size = float(np.ptp(curve, axis=0).max())
+    tolerance = min(tolerance, _RELATIVE_TOLERANCE * size)
+    place, share = (None if isinstance(wanted, str) else wanted), _HINT_SHARE
+    if isinstance(wanted, str) and wanted == "veins":
+        place, share = vein_convergence(element), _VEINS_SHARE
+    contour = simplify(curve, most_vertices, tolerance)
+    found = clearance(contour.vertices) if is_simple(contour.vertices) else None
+    if found is not None and found.radius > _LEAST_CLEARANCE * size:
+        center = kernel_point(contour.vertices, centroid(contour.vertices) if place is None else place, found)
+        return Outline(contour.vertices, center, 0.0, contour.tolerance)
+    return _repaired(curve, place, share, most_vertices, tolerance)
+
+
+def _repaired(
+    curve: NDArray[np.float64], wanted: NDArray[np.float64] | None, share: float, most_vertices: int, tolerance: float
+) -> Outline:
+    """What the best centre sees."""
+    whole = curve[thinned(curve)]
+    center = most_visible(whole, wanted, share)
+    seen = visible_curve(whole, center)
+    contour = _star(seen, center, most_vertices, tolerance)
+    lost = max(1 - area(seen) / area(whole), 0.0)
+    return Outline(contour.vertices, center, lost, contour.tolerance)
+
+
+def _star(seen: NDArray[np.float64], center: NDArray[np.float64], most_vertices: int, tolerance: float) -> Polygon:
+    """Few vertices of a curve that the centre sees, still seen by it."""
+    for count in range(most_vertices, 2, -1):
+        polygon = simplify(seen, count, tolerance)
+        if sees_all(center, polygon.vertices):
+            return polygon
+    every = seen[np.linspace(0, len(seen), max(most_vertices, 3), endpoint=False).astype(int)]
+    return Polygon(every, float(np.ptp(seen, axis=0).max()))
