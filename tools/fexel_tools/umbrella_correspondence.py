@@ -16,7 +16,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from fexel.textures.umbrella_geometry import signed_area
+from fexel.textures.umbrella_geometry import cross, signed_area
 
 __all__ = ["Correspondence", "Outline", "best_turn", "best_turns", "corresponding_arcs", "radii", "shape_distances"]
 
@@ -62,8 +62,8 @@ class Outline:
         edge = np.clip(np.searchsorted(opened, angles, side="right") - 1, 0, len(own) - 1)
         start, end = self.corners[edge], self.corners[(edge + 1) % len(own)]
         towards = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
-        below = _cross(towards, end - start)
-        share = np.divide(-_cross(towards, start), below, out=np.zeros(len(edge)), where=np.abs(below) > 1e-300)
+        below = cross(towards, end - start)
+        share = np.divide(-cross(towards, start), below, out=np.zeros(len(edge)), where=np.abs(below) > 1e-300)
         return self.arcs[edge] + np.clip(share, 0.0, 1.0) * (self.arcs[edge + 1] - self.arcs[edge])
 
 
@@ -236,7 +236,3 @@ def _carried(arcs: NDArray[np.float64], source: NDArray[np.float64], target: NDA
 
 def _unit(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
     return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-300)  # 1e-300: no direction
-
-
-def _cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
-    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fexel.errors import FexelError
-from fexel.textures.umbrella_geometry import signed_area
+from fexel.textures.umbrella_geometry import cross, signed_area
 from fexel_tools.umbrella_arrange import random_stream
 from fexel_tools.umbrella_base import BaseUmbrella
 from fexel_tools.umbrella_correspondence import Correspondence, Outline, best_turns, corresponding_arcs, shape_distances
@@ -98,9 +98,9 @@ def _is_safe(start: NDArray[np.float64], end: NDArray[np.float64]) -> bool:
     """Least value over w in [0, 1] of each sector's cross product less the margin, which is linear in w."""
     following, way = np.roll(start, -1, axis=0), end - start
     following_way = np.roll(way, -1, axis=0)
-    before, after = _cross(start, following), _cross(end, np.roll(end, -1, axis=0))
-    bend = _cross(way, following_way)
-    slope = _cross(start, following_way) + _cross(way, following) - _MARGIN * (after - before)
+    before, after = cross(start, following), cross(end, np.roll(end, -1, axis=0))
+    bend = cross(way, following_way)
+    slope = cross(start, following_way) + cross(way, following) - _MARGIN * (after - before)
     floor = -_NO_AREA * max(abs(signed_area(start)), abs(signed_area(end)))
     at = np.clip(np.divide(-0.5 * slope, bend, out=np.zeros_like(bend), where=bend > 1e-300), 0.0, 1.0)
     base = (1.0 - _MARGIN) * before
@@ -237,7 +237,7 @@ def _merged(
     slight = _SLIGHT * abs(signed_area(outline.corners))
     while np.any(rows >= own_count):
         place = ends[rows]
-        area = 0.5 * np.abs(_cross(place - np.roll(place, 1, axis=0), np.roll(place, -1, axis=0) - place))
+        area = 0.5 * np.abs(cross(place - np.roll(place, 1, axis=0), np.roll(place, -1, axis=0) - place))
         area[rows < own_count] = np.inf
         least = int(np.argmin(area))
         if len(rows) <= most and area[least] > slight:
@@ -248,7 +248,3 @@ def _merged(
 
 def _wrapped(arcs: NDArray[np.float64]) -> NDArray[np.float64]:
     return (arcs + 0.5) % 1.0 - 0.5
-
-
-def _cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
-    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
