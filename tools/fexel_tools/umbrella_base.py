@@ -6,7 +6,7 @@ longer side of a photo's largest element is 1. Texture coordinates have their or
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -14,11 +14,13 @@ from numpy.typing import NDArray
 
 from fexel.errors import FexelError
 from fexel_tools.umbrella_elements import Element
-from fexel_tools.umbrella_hints import CENTRES, Centre, centre_of
+from fexel_tools.umbrella_hints import Hints, hint_of
 from fexel_tools.umbrella_outline import outline_of
 from fexel_tools.umbrella_texture import Window, cut_texture, texture_window
 
 __all__ = ["BaseOptions", "BaseUmbrella", "companion_base", "make_bases"]
+
+_CENTRES = ("auto", "centroid", "veins")
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,15 +74,15 @@ class BaseOptions:
     centre : str
         ``auto`` and ``centroid``: near the centroid; ``veins``: where they converge; or ``x,y``: pixels of the photo
         from its upper left, or shares of its width and height where both are within [0, 1].
-    hints : mapping of str to str or (float, float)
-        The same by name of element, of file, or its stem, see `umbrella_hints`.
+    hints : mapping of str to sequence of (float, float)
+        Such places by name of element, of file, or its stem, see `umbrella_hints`.
     """
 
     vertices: int = 63
     tolerance_px: float = 1.0
     texture_size: int = 256
     centre: str = "auto"
-    hints: Mapping[str, Centre] = field(default_factory=dict)
+    hints: Hints = field(default_factory=dict)
 
 
 def make_bases(elements: Iterable[Element], options: BaseOptions | None = None) -> list[BaseUmbrella]:
@@ -128,17 +130,17 @@ def _check(options: BaseOptions) -> None:
             raise FexelError(f"base umbrellas: {name} {value}, expected at least {least}")
     if not (np.isfinite(options.tolerance_px) and options.tolerance_px > 0):
         raise FexelError(f"base umbrellas: tolerance {options.tolerance_px:g} pixels, expected more than 0")
-    if options.centre not in CENTRES and "," not in options.centre:
-        raise FexelError(f"base umbrellas: centre '{options.centre}', expected one of {', '.join(CENTRES)}, or x,y")
+    if options.centre not in _CENTRES and "," not in options.centre:
+        raise FexelError(f"base umbrellas: centre '{options.centre}', expected one of {', '.join(_CENTRES)}, or x,y")
 
 
 def _make_base(element: Element, options: BaseOptions) -> BaseUmbrella:
-    centre = centre_of(element, options.hints, options.centre)
+    hint = hint_of(element, options.centre, options.hints)
     outline = outline_of(
         element,
         most_vertices=options.vertices - 1,
         tolerance=options.tolerance_px / element.pixel,
-        wanted=centre if isinstance(centre, str) else _place(element, *centre),
+        wanted=options.centre if hint is None else hint,
     )
     vertices = np.concatenate([outline.center[None], outline.contour])
     window, size = texture_window(outline.contour, element.opacity.shape, options.texture_size)
@@ -157,16 +159,6 @@ def _make_base(element: Element, options: BaseOptions) -> BaseUmbrella:
         tolerance_px=outline.tolerance * element.pixel,
         window=window,
     )
-
-
-def _place(element: Element, x: float, y: float) -> NDArray[np.float64] | str:
-    """A place of the photo in pixels of the element's colour, y up; anything that lies outside its box is ``auto``."""
-    if 0 <= x <= 1 and 0 <= y <= 1:
-        x, y = x * element.photo_size[0], y * element.photo_size[1]
-    left, top, right, bottom = element.box
-    if not (left <= x <= right and top <= y <= bottom):
-        return "auto"
-    return np.array([(x - left) / element.pixel, element.opacity.shape[0] - (y - top) / element.pixel])
 
 
 def _contour_px(base: BaseUmbrella, element: Element) -> NDArray[np.float64]:
