@@ -22,6 +22,7 @@ from fexel.textures import extract_texture
 from fexel.textures.umbrella import level_digest
 from fexel.textures.umbrella_cells import cell_statistics
 from fexel_tools import fallback, umbrella_stage
+from fexel_tools.baking import texture_baker
 from fexel_tools.phases import Phases
 from fexel_tools.progress import Progress, silent
 from fexel_tools.report import check_report, write_report
@@ -30,6 +31,7 @@ from fexel_tools.umbrella_companions import MapData, companion_maps, main_map
 from fexel_tools.umbrella_levels import image_level, write_level_image
 from fexel_tools.umbrella_merge import merged_levels
 from fexel_tools.umbrella_options import UmbrellaOptions, check_options, read_files
+from fexel_tools.umbrella_raster import rasterize
 from fexel_tools.umbrella_report import BaseReport, DroppedReport, UmbrellaReport
 from fexel_tools.umbrella_sheet import SheetInput, write_sheet
 from fexel_tools.umbrella_solution import STEPS, Ground, compute_ground
@@ -37,6 +39,8 @@ from fexel_tools.umbrella_storage import compressed_sizes, explicit_resolution, 
 from fexel_tools.umbrella_textures import write_background, write_bases
 
 __all__ = ["make_umbrella"]
+
+_FALLBACK_SAMPLES = 4  # per axis and pixel
 
 
 @dataclass(frozen=True)
@@ -153,9 +157,7 @@ def _write(
             level_bytes = [_write_levels(stage, ground, each, staged, options) for each in maps]
         with phases("fallback"):
             for each in maps:
-                prim = stage.GetPrimAtPath(f"{umbrella_stage.MATERIAL_PATH}/{each.name}")
-                name = "fallback.png" if each is maps[0] else f"fallback_{each.name}.png"
-                fallback.write_fallback(prim, staged.textures / name, options.fallback_size)
+                _write_fallback(stage, each, staged, options)
             stage.GetRootLayer().Save()  # levels and fallbacks add to it
     return _Written(texture_bytes, arrays, level_bytes[0])
 
@@ -203,9 +205,8 @@ def _write_levels(
     digest = level_digest(data)
     if options.levels == "merged":
         return _write_merged(texture, each, digest, staged, options)
-    vectors = {"vector_scale": (2.0, 2.0), "vector_bias": (-1.0, -1.0)} if each.is_vectors else {}
-    image = image_level(each.arrangement, each.textures, each.behind, jobs=options.jobs, **vectors)
-    path = staged.textures / f"{_level_name(each, options)}.tif"
+    image = image_level(each.arrangement, each.textures, each.behind, jobs=options.jobs, vector_scale=each.vector_scale)
+    path = staged.textures / f"{_file_stem('level', each, options)}.tif"
     bits, color_space = (16 if max(each.bits) > 8 else 8), ("raw" if each.is_data else "sRGB")
     write_level_image(path, image, bits=bits, color_space=color_space)
     columns, rows = (max(1, cells >> image.level) for cells in ground.arrangement.grid)
@@ -225,15 +226,35 @@ def _write_merged(
         umbrella_stage.LevelPrim(number, level.grid, digest, arrangement=level)
         for number, level in enumerate(merged, 1)
     ]
-    path = staged.textures / f"{_level_name(each, options)}.usdc"
+    path = staged.textures / f"{_file_stem('level', each, options)}.usdc"
     umbrella_stage.write_levels(path, levels)
     for level in levels:
         umbrella_stage.define_level(texture, level, f"./{staged.textures.name}/{path.name}")
     return path.stat().st_size
 
 
-def _level_name(each: MapData, options: UmbrellaOptions) -> str:
-    return "level" if each.drives == options.driven else f"level_{each.name}"
+def _write_fallback(stage: Usd.Stage, each: MapData, staged: StagedOutput, options: UmbrellaOptions) -> None:
+    """The picture of a map for other applications, drawn from what is at hand, and the network that shows it."""
+    prim = stage.GetPrimAtPath(f"{umbrella_stage.MATERIAL_PATH}/{each.name}")
+    kind, data = extract_texture(prim, Usd.TimeCode.Default())
+    baker = texture_baker(kind, data, str(prim.GetPath()))
+    storage = baker.storage
+    picture = rasterize(
+        each.arrangement,
+        each.textures,
+        each.behind,
+        baker.size(options.fallback_size),
+        supersample=_FALLBACK_SAMPLES,
+        vector_scale=each.vector_scale,
+        jobs=options.jobs,
+    )
+    path = staged.textures / f"{_file_stem('fallback', each, options)}.png"
+    fallback.write_picture(path, picture, storage.color_space, storage.dtype)
+    fallback.author(prim, path, color_space=storage.color_space, scale=storage.scale, bias=storage.bias)
+
+
+def _file_stem(what: str, each: MapData, options: UmbrellaOptions) -> str:
+    return what if each.drives == options.driven else f"{what}_{each.name}"
 
 
 def _report(ground: Ground, out: str | Path, written: _Written, *, measured: bool) -> UmbrellaReport:

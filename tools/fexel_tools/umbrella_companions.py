@@ -15,7 +15,9 @@ from numpy.typing import NDArray
 from fexel.errors import FexelError
 from fexel.textures.umbrella_arrangement import Arrangement
 from fexel_tools.umbrella_background import Background
+from fexel_tools.umbrella_base import companion_base
 from fexel_tools.umbrella_options import UmbrellaOptions
+from fexel_tools.umbrella_photo import open_photo
 from fexel_tools.umbrella_solution import Ground
 from fexel_tools.umbrella_textures import bits_of
 
@@ -61,6 +63,11 @@ class MapData:
     def has_colors(self) -> bool:
         """Whether vertex colours apply."""
         return not self.is_data
+
+    @property
+    def vector_scale(self) -> tuple[float, float] | None:
+        """As `fexel_tools.umbrella_raster` is told of vectors, which turn with their umbrella."""
+        return (2.0, 2.0) if self.is_vectors else None
 
     @property
     def behind(self) -> NDArray[np.float32] | tuple[float, ...]:
@@ -132,3 +139,14 @@ def _map_file(folder: Path, photo: Path, what: str) -> Path:
     if not found:
         raise FexelError(f"{folder}: has no {what} map for {photo}, expected {photo.name}")
     return found[0]
+
+
+def _texture(ground: Ground, number: int, file: Path) -> NDArray[np.float32]:
+    """The map's part under a base."""
+    element, base = ground.elements[number], ground.bases[number]
+    photo = open_photo(file, is_data=True)
+    if photo.size != element.photo_size:
+        found, wanted = (f"{width} x {height}" for width, height in (photo.size, element.photo_size))
+        raise FexelError(f"{file}: {found} pixels, expected {wanted} as {element.path}")
+    color, _ = photo.window(element.box, element.pixel)
+    return companion_base(base, replace(element, color=color, is_data=True)).texture

@@ -10,19 +10,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from pxr import Tf
 
+from fexel.errors import FexelError
 from fexel.textures.umbrella_arrangement import Arrangement, Shape
 from fexel_tools.phases import Phases
 from fexel_tools.umbrella_arrange import arrange, check_arrange_options
 from fexel_tools.umbrella_background import Background, choose_background
-from fexel_tools.umbrella_base import BaseUmbrella
+from fexel_tools.umbrella_base import BaseOptions, BaseUmbrella, make_bases
 from fexel_tools.umbrella_color import ColorOptions, color_offsets
 from fexel_tools.umbrella_elements import Element, Elements, find_elements
+from fexel_tools.umbrella_hints import read_hints
 from fexel_tools.umbrella_morph import MorphOptions, with_morphs
 from fexel_tools.umbrella_options import UmbrellaOptions
 
@@ -152,6 +155,29 @@ def read_sources(files: Sequence[str], options: UmbrellaOptions) -> list[Element
         more = f"; nor in {len(files) - 1} other files" if len(files) > 1 else ""
         raise FexelError(f"{files[0]}: no element found: {reason}{more}")
     return found
+
+
+def _bases(sources: Sequence[Elements], options: UmbrellaOptions) -> tuple[list[Element], list[BaseUmbrella]]:
+    elements = [element for source in sources for element in source.elements]
+    chosen = BaseOptions(
+        vertices=options.vertices,
+        tolerance_px=options.tolerance,
+        texture_size=options.texture_size,
+        centre=options.centre,
+        hints=read_hints(options.hints) if options.hints else {},
+    )
+    with ThreadPoolExecutor(options.jobs) as pool:
+        return elements, list(pool.map(lambda element: make_bases([element], chosen)[0], elements))
+
+
+def _references(options: UmbrellaOptions) -> list[BaseUmbrella]:
+    """Elements whose colours are taken; none without references."""
+    if not options.references:
+        return []
+    shown = replace(options, kind="auto", raw=False, drives="")
+    sources = read_sources(options.references, shown)
+    coarse = BaseOptions(texture_size=_REFERENCE_TEXELS)
+    return make_bases([element for source in sources for element in source.elements], coarse)
 
 
 def _found(file: str, options: UmbrellaOptions) -> Elements:
