@@ -1,8 +1,8 @@
 // Umbrella textures (Just-in-time texture synthesis 2012): a few patches, many times placed and varied, composed per pixel.
 // Requires texture_data.glsl, common_footprint.glsl, common_wrap.glsl, image.glsl. Provides umbrella_sample, umbrella_nested.
 //
-// Defines: UMBRELLA_SLOTS textures of the material; UMBRELLA_DRAWN 1 where the view sees umbrellas, UMBRELLA_PICTURE 1 where
-// it sees a prefiltered level; UMBRELLA_PROBES 1 for anisotropic filtering; and what the umbrellas of any slot use:
+// Defines: UMBRELLA_SLOTS textures of the material; UMBRELLA_DRAWN 1 where the view sees umbrellas, UMBRELLA_MERGED most coarser
+// arrangements it sees besides, UMBRELLA_PICTURE 1 where it sees a prefiltered picture; UMBRELLA_PROBES 1 for anisotropic filtering; and what the umbrellas of any slot use:
 // UMBRELLA_SHADOWS, UMBRELLA_COLORS vertex colours, UMBRELLA_ALPHA images with alpha, UMBRELLA_COVERAGES below 1,
 // UMBRELLA_VECTORS, UMBRELLA_SCALED a scale or bias, UMBRELLA_OUTSIDE a wrap mode black, UMBRELLA_PERSPECTIVE a projective map
 // to st; see also umbrella_search.glsl.
@@ -15,9 +15,9 @@
 //   4  bins and slices of the tables; colour blend; codes = wrap mode along s + 4 * along t + 16 * log2 of a row of the float
 //      page's texels + 512 * log2 of one of the half page's
 //   5  shadow offset in cells; strength; record of the first base image
-//   6  records of the background and of the level's image; texels of the record of a base image; address of the umbrellas
+//   6  records of the background and of the picture; texels of the record of a base image; texels of an entry
 //   7  w from (s, t, 1)
-//   8  level of the level's image, and how many levels it is blended in over
+//   8  coarser arrangements that follow, each with a record of its own; level of this one; level of the picture; 1 if there is one
 //   9  scale
 //  10  bias
 // The first UMBRELLA_CONSTANTS also come as flat varyings, from UMBRELLA_FLAT on, for the first UMBRELLA_FLATS textures of the
@@ -35,6 +35,8 @@
 uniform ivec4 umbrellaRecord[UMBRELLA_SLOTS];
 uniform float umbrellaMaxProbes;
 
+#define UMBRELLA_RECORD 11                   // texels
+
 const float UMBRELLA_FIRST_LEVEL = 0.125;    // cells per pixel up to which umbrellas are seen alone (section 6.3)
 
 // place: of the record, or number of the texture where its constants are flat; which of the two is known when compiled.
@@ -47,55 +49,61 @@ vec4 umbrella_constant(bool isFlat, int place, int index)
     return record_fetch(place + index);
 }
 
-vec4 umbrella_lookup(bool isFlat, int place, int record, vec2 st, vec2 dstdx, vec2 dstdy, out float lod, out float patchIndex)
+// Where st lies in cells, relative to the base, with its derivatives per pixel.
+struct UmbrellaPosition {
+    vec2 relative;
+    vec2 base;
+    vec2 dx;
+    vec2 dy;
+    vec2 cells;
+    vec2 perCell;            // cells of the authored grid
+    float w;
+};
+
+UmbrellaPosition umbrella_position(bool isFlat, int place, int record, vec2 st, vec2 dstdx, vec2 dstdy)
 {
     vec4 rowX = umbrella_constant(isFlat, place, 0);
     vec4 rowY = umbrella_constant(isFlat, place, 1);
     vec4 sizes = umbrella_constant(isFlat, place, 2);
-    UmbrellaLook look = umbrella_look(sizes.xy, umbrella_constant(isFlat, place, 3), umbrella_constant(isFlat, place, 4),
-                                      umbrella_constant(isFlat, place, 5), umbrella_constant(isFlat, place, 6));
-    vec2 middle = vec2(dot(rowX.xy, st) + rowX.z, dot(rowY.xy, st) + rowY.z);
+    vec2 relative = vec2(dot(rowX.xy, st) + rowX.z, dot(rowY.xy, st) + rowY.z);
     vec2 dx = vec2(dot(rowX.xy, dstdx), dot(rowY.xy, dstdx));
     vec2 dy = vec2(dot(rowX.xy, dstdy), dot(rowY.xy, dstdy));
+    float w = 1.0;
 #if UMBRELLA_PERSPECTIVE
     // Exact Jacobian of the projective map: d(xy / w) = (d(xy) - xy / w d(w)) / w.
     vec4 rowW = record_fetch(record + 7);
-    float w = dot(rowW.xy, st) + rowW.z;
-    middle /= w;
-    dx = (dx - middle * dot(rowW.xy, dstdx)) / w;
-    dy = (dy - middle * dot(rowW.xy, dstdy)) / w;
+    w = dot(rowW.xy, st) + rowW.z;
+    float inverse = w > 0.0 ? 1.0 / w : 0.0;
+    relative *= inverse;
+    dx = (dx - relative * dot(rowW.xy, dstdx)) * inverse;
+    dy = (dy - relative * dot(rowW.xy, dstdy)) * inverse;
 #endif
-    ivec2 wrap = look.wrap;
-
-    vec4 color = vec4(0.0);
-    vec2 ddx = dx;
-    vec2 ddy = dy;
-    lod = 0.0;
-    patchIndex = -1.0;
-#if UMBRELLA_PROBES
-    Footprint axes = make_footprint(dx * sizes.zw, dy * sizes.zw);
-    float probes = footprint_probes(axes, umbrellaMaxProbes);
-    float level = footprint_level(axes, umbrellaMaxProbes);
-    float weight = 1.0 / probes;
-    // Each probe covers its share of the major axis.
-    vec2 major = axes.majorDirection / sizes.zw;
-    vec2 shorten = axes.majorDirection * ((1.0 - weight) / (axes.majorAxis * axes.majorAxis));
-    ddx -= major * dot(shorten, dx * sizes.zw);
-    ddy -= major * dot(shorten, dy * sizes.zw);
-#else
-    float level = isotropic_level(dx * sizes.zw, dy * sizes.zw);
-#endif
-    level -= log2(UMBRELLA_FIRST_LEVEL);
+    return UmbrellaPosition(relative, vec2(rowX.w, rowY.w), dx, dy, sizes.xy, sizes.zw, w);
+}
 
 #if UMBRELLA_DRAWN
+// One arrangement; several probes along a long footprint, each of which covers its share of it.
+vec4 umbrella_arrangement(bool isFlat, int place, UmbrellaPosition at, out float lod, out float patchIndex)
+{
+    UmbrellaLook look = umbrella_look(at.cells, umbrella_constant(isFlat, place, 3), umbrella_constant(isFlat, place, 4),
+                                      umbrella_constant(isFlat, place, 5), umbrella_constant(isFlat, place, 6));
 #if UMBRELLA_PROBES
+    vec2 gridX = at.dx * at.perCell;
+    vec2 gridY = at.dy * at.perCell;
+    Footprint axes = make_footprint(gridX, gridY);
+    float weight = 1.0 / footprint_probes(axes, umbrellaMaxProbes);
+    vec2 major = axes.majorDirection / at.perCell;
+    vec2 shorten = axes.majorDirection * ((1.0 - weight) / (axes.majorAxis * axes.majorAxis));
+    vec2 dx = at.dx - major * dot(shorten, gridX);
+    vec2 dy = at.dy - major * dot(shorten, gridY);
+    vec4 color = vec4(0.0);
+    lod = 0.0;
+    patchIndex = -1.0;
     float along = 0.5 * weight - 0.5;
-    bool isFirst = true;
     do {
         float probeLod;
         float probePatch;
-        vec2 relative = middle + along * major;
-        vec4 probe = umbrella_compose(look, relative, vec2(rowX.w, rowY.w), ddx, ddy, probeLod, probePatch);
+        vec4 probe = umbrella_compose(look, at.relative + along * major, at.base, dx, dy, probeLod, probePatch);
         bool running = along < 0.5;
         color += running ? weight * probe : vec4(0.0);
         // The probe in the middle, or the one just before it, tells what is seen.
@@ -104,21 +112,100 @@ vec4 umbrella_lookup(bool isFlat, int place, int record, vec2 st, vec2 dstdx, ve
         patchIndex = tells ? probePatch : patchIndex;
         along += weight;
     } while (along < 0.5);
+    return color;
 #else
-    color = umbrella_compose(look, middle, vec2(rowX.w, rowY.w), ddx, ddy, lod, patchIndex);
+    return umbrella_compose(look, at.relative, at.base, at.dx, at.dy, lod, patchIndex);
 #endif
+}
 #endif
 
+#if UMBRELLA_MERGED
+// Two levels of detail that bracket the one that is meant, one after the other.
+vec4 umbrella_levels(int record, vec2 st, vec2 dstdx, vec2 dstdy, float chosen, float blend, bool both, out float lod,
+                     out float patchIndex)
+{
+    vec4 color = vec4(0.0);
+    lod = 0.0;
+    patchIndex = -1.0;
+    float number = chosen;
+    float share = 1.0 - blend;
+    bool running = true;
+    do {
+        int place = record + UMBRELLA_RECORD * int(number);
+        UmbrellaPosition at = umbrella_position(false, place, place, st, dstdx, dstdy);
+        float levelLod;
+        float levelPatch;
+        vec4 level = umbrella_arrangement(false, place, at, levelLod, levelPatch);
+        color += running ? share * level : vec4(0.0);
+        bool tells = running && share >= 0.5;
+        lod = tells ? levelLod : lod;
+        patchIndex = tells && number == 0.0 && record_fetch(record + 8).y == 0.0 ? levelPatch : patchIndex;
+        running = running && both && number == chosen;
+        number = chosen + 1.0;
+        share = blend;
+    } while (running);
+    return color;
+}
+#endif
+
+vec4 umbrella_lookup(bool isFlat, int place, int record, vec2 st, vec2 dstdx, vec2 dstdy, out float lod, out float patchIndex)
+{
+    UmbrellaPosition at = umbrella_position(isFlat, place, record, st, dstdx, dstdy);
+    vec4 color = vec4(0.0);
+    lod = 0.0;
+    patchIndex = -1.0;
+    float blend = 0.0;                       // of the picture
+#if UMBRELLA_MERGED || UMBRELLA_PICTURE
+#if UMBRELLA_PROBES
+    float level = footprint_level(make_footprint(at.dx * at.perCell, at.dy * at.perCell), umbrellaMaxProbes);
+#else
+    float level = isotropic_level(at.dx * at.perCell, at.dy * at.perCell);
+#endif
+    level -= log2(UMBRELLA_FIRST_LEVEL);
+    vec4 levels = record_fetch(record + 8);
+    float from = levels.y;
+    float to = levels.z;
+    bool both = false;
+#if UMBRELLA_MERGED
+    float chosen = 0.0;
+    float next = levels.z;
+    for (int i = UMBRELLA_MERGED; i > 0; --i) {
+        float further = record_fetch(record + UMBRELLA_RECORD * min(i, int(levels.x)) + 8).y;
+        bool isThere = float(i) <= levels.x;
+        bool isReached = isThere && further <= level && chosen == 0.0;
+        chosen = isReached ? float(i) : chosen;
+        from = isReached ? further : from;
+        next = isThere && further > level ? further : next;
+    }
+    to = next;
+    both = chosen < levels.x;
+#endif
+    blend = to > from && (both || levels.w > 0.0) ? clamp((level - from) / (to - from), 0.0, 1.0) : 0.0;
+#endif
+#if UMBRELLA_MERGED
+    color = umbrella_levels(record, st, dstdx, dstdy, chosen, blend, both && blend > 0.0, lod, patchIndex);
+    blend = both ? 0.0 : blend;
+#elif UMBRELLA_DRAWN
+    color = umbrella_arrangement(isFlat, place, at, lod, patchIndex);
+#endif
+
+    UmbrellaLook look = umbrella_look(at.cells, umbrella_constant(isFlat, place, 3), umbrella_constant(isFlat, place, 4),
+                                      umbrella_constant(isFlat, place, 5), umbrella_constant(isFlat, place, 6));
 #if UMBRELLA_PICTURE
-    vec4 blending = record_fetch(record + 8);
-    vec3 s = wrap_locate(middle.x, rowX.w, sizes.x, wrap.x);
-    vec3 t = wrap_locate(middle.y, rowY.w, sizes.y, wrap.y);
+    vec3 s = wrap_locate(at.relative.x, at.base.x, at.cells.x, look.wrap.x);
+    vec3 t = wrap_locate(at.relative.y, at.base.y, at.cells.y, look.wrap.y);
+    vec2 turned = vec2(s.z < 0.0 ? -1.0 : 1.0, t.z < 0.0 ? -1.0 : 1.0);
+    vec2 uv = vec2(s.x + s.y, t.x + t.y) / at.cells;
     float pictureLod;
-    vec2 uv = vec2(s.x + s.y, t.x + t.y) / sizes.xy;
-    vec4 picture = image_sample(look.picture, uv, dx / sizes.xy, dy / sizes.xy, umbrellaMaxProbes, pictureLod);
+    vec4 picture = image_sample(look.picture, uv, turned * at.dx / at.cells, turned * at.dy / at.cells, umbrellaMaxProbes, pictureLod);
 #if UMBRELLA_DRAWN
-    float blend = clamp((level - blending.x) / blending.y + 1.0, 0.0, 1.0);
+    bool isThere = levels.w > 0.0;
+    blend = isThere ? blend : 0.0;
+#if UMBRELLA_MERGED
+    color = (both || !isThere) ? color : color + blend * picture;
+#else
     color = mix(color, picture, blend);
+#endif
     lod = blend < 0.5 ? lod : pictureLod;
     patchIndex = blend < 0.5 ? patchIndex : -1.0;
 #else
@@ -135,16 +222,13 @@ vec4 umbrella_lookup(bool isFlat, int place, int record, vec2 st, vec2 dstdx, ve
 #endif
 #if UMBRELLA_OUTSIDE
     // The border fades over one pixel within the texture.
-    vec2 low = middle + vec2(rowX.w, rowY.w);
-    vec2 fromBorder = min(low, sizes.xy - low);
-    vec2 pixel = vec2(length(vec2(dx.x, dy.x)), length(vec2(dx.y, dy.y)));
+    vec2 position = at.relative + at.base;
+    vec2 fromBorder = min(position, at.cells - position);
+    vec2 pixel = vec2(length(vec2(at.dx.x, at.dy.x)), length(vec2(at.dx.y, at.dy.y)));
     vec2 ramp = clamp(fromBorder / max(pixel, vec2(1e-30)), vec2(0.0), vec2(1.0));  // 1e-30 guards a constant st
-    color *= (wrap.x == WRAP_BLACK ? ramp.x : 1.0) * (wrap.y == WRAP_BLACK ? ramp.y : 1.0);
+    color *= (look.wrap.x == WRAP_BLACK ? ramp.x : 1.0) * (look.wrap.y == WRAP_BLACK ? ramp.y : 1.0);
 #endif
-#if UMBRELLA_PERSPECTIVE
-    color = w > 0.0 ? color : vec4(0.0);
-#endif
-    return color;
+    return at.w > 0.0 ? color : vec4(0.0);
 }
 
 // number: which umbrella texture of the material; st and its derivatives per pixel as the surface gives them.

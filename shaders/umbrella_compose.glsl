@@ -12,15 +12,14 @@ struct UmbrellaLook {
     int background;          // record of its image
     int picture;             // record of the level's image
     int imageTexels;         // of a record
-    int umbrellas;           // address
 };
 
 UmbrellaLook umbrella_look(vec2 cells, vec4 pages, vec4 tables, vec4 shadow, vec4 parts)
 {
     int codes = int(tables.w);
-    UmbrellaGrid grid = UmbrellaGrid(ivec2(pages.xy), (codes >> 4) & 31, tables.x, tables.y, cells);
+    UmbrellaGrid grid = UmbrellaGrid(ivec2(pages.xy), (codes >> 4) & 31, tables.x, tables.y, int(parts.w), cells);
     return UmbrellaLook(grid, ivec2(codes & 3, (codes >> 2) & 3), ivec2(pages.zw), codes >> 9, tables.z, shadow.xyz,
-                        int(shadow.w), int(parts.x), int(parts.y), int(parts.z), int(parts.w));
+                        int(shadow.w), int(parts.x), int(parts.y), int(parts.z));
 }
 
 #if UMBRELLA_DRAWN
@@ -28,17 +27,56 @@ UmbrellaLook umbrella_look(vec2 cells, vec4 pages, vec4 tables, vec4 shadow, vec
 // Coverage left below which nothing further back can change an 8-bit result.
 const float UMBRELLA_OPAQUE = 1.0 / 2048.0;
 
+#if UMBRELLA_COLORS
+// A vertex colour; the fourth component tells the umbrella, low part at its centre, high part around.
 vec4 umbrella_color(UmbrellaLook look, float index)
 {
     int address = int(index);
     ivec2 place = ivec2(address & ((1 << look.colorRowBits) - 1), address >> look.colorRowBits);
     return texelFetch(pagesHalf, look.colorPage + place, 0);
 }
+#endif
 
-// The list of a cell: first entry, number of entries.
+// The list of a cell: first entry, number of entries; none of a texture of which this view shows only the picture.
 ivec2 umbrella_list(UmbrellaGrid grid, vec2 cell)
 {
-    return ivec2(umbrella_texel(grid, int(cell.y) * int(grid.cells.x) + int(cell.x)).xy);
+    ivec2 list = ivec2(umbrella_texel(grid, int(cell.y) * int(grid.cells.x) + int(cell.x)).xy);
+    return grid.stride > 0 ? list : ivec2(0);
+}
+
+// Where in its image a hit looks.
+struct UmbrellaTexel {
+    vec2 uv;
+    vec2 dx;
+    vec2 dy;
+    float image;             // number, -1 for none
+    vec2 vertices;           // of the sector, counted from 1
+};
+
+UmbrellaTexel umbrella_texel_place(UmbrellaLook look, int shape, float sector, vec2 place, vec4 slope)
+{
+    vec4 head = umbrella_texel(look.grid, shape);
+    float number = sector - (sector < head.w ? 0.0 : head.w);
+    vec4 corners = umbrella_texel(look.grid, umbrella_vertices(look.grid, shape) + int(head.w + number) + UMBRELLA_AFTER);
+    vec2 alongA = corners.xy - head.xy;
+    vec2 alongB = corners.zw - head.xy;
+    return UmbrellaTexel(head.xy + place.x * alongA + place.y * alongB, slope.x * alongA + slope.y * alongB,
+                         slope.z * alongA + slope.w * alongB, head.z,
+                         vec2(number + 1.0, number + 1.0 < head.w ? number + 2.0 : 1.0));
+}
+
+// Trilinear in the image of a shape; opaque black without one. Linear, premultiplied.
+vec4 umbrella_image(UmbrellaLook look, UmbrellaTexel at, int record, out float level)
+{
+    Image image = image_open(record);
+    level = isotropic_level(at.dx * image.size, at.dy * image.size) - image.bias;
+    vec4 texel = image_at_level(image, at.uv, level);
+    return at.image < 0.0 ? vec4(0.0, 0.0, 0.0, 1.0) : texel;
+}
+
+int umbrella_image_record(UmbrellaLook look, float image)
+{
+    return look.images + look.imageTexels * int(max(image, 0.0));
 }
 
 #if UMBRELLA_SHADOWS
@@ -64,13 +102,19 @@ vec3 umbrella_light(UmbrellaLook look, vec2 cell, UmbrellaPlace place, vec3 numb
         float begin = umbrella_first_sector(look.grid, at);
         sector = sector < 0.0 ? begin : sector;
         bool found;
-        float coverage = umbrella_test(look.grid, at, sector, found).coverage;
+        UmbrellaHit hit = umbrella_test(look.grid, at, sector, found);
+        float coverage = hit.coverage;
+#if UMBRELLA_ALPHA
+        UmbrellaTexel texel = umbrella_texel_place(look, at.shape, hit.sector, hit.place, hit.slope);
+        float level;
+        coverage *= umbrella_image(look, texel, umbrella_image_record(look, texel.image), level).a;
+#endif
         clear *= 1.0 - (running ? coverage : 0.0) * step(vec3(at.number + 0.5), numbers);
         tries++;
         bool done = found || tries >= UMBRELLA_TRIES;
         sector = done ? -1.0 : sector;
         tries = done ? 0 : tries;
-        list += running && done ? ivec2(UMBRELLA_STRIDE, -1) : ivec2(0);
+        list += running && done ? ivec2(look.grid.stride, -1) : ivec2(0);
         running = running && list.y > 0 && max(clear.x, max(clear.y, clear.z)) > UMBRELLA_OPAQUE;
     } while (running);
     return 1.0 - look.shadow.z * (1.0 - clear);
@@ -82,23 +126,42 @@ struct UmbrellaFound {
     vec4 what;               // weight; umbrella, by its first colour where there are colours; sector; shape
     vec2 place;              // as of UmbrellaHit
     vec4 slope;
+#if UMBRELLA_VECTORS
+    vec3 turn;               // as of UmbrellaPatchPlace
+#endif
 };
+
+// How many hits are searched for before they are shaded: where images have alpha, it decides what is seen further back.
+#if UMBRELLA_ALPHA
+#define UMBRELLA_SEARCHED 1.0
+#else
+#define UMBRELLA_SEARCHED 3.0
+#endif
 
 #define UMBRELLA_BACKGROUND 16777216.0       // in place of the umbrella
 
 UmbrellaFound umbrella_nothing()
 {
-    return UmbrellaFound(vec4(0.0, -1.0, 0.0, 0.0), vec2(0.0), vec4(0.0));
-}
-
-UmbrellaFound umbrella_background(float weight)
-{
-    return UmbrellaFound(vec4(weight, UMBRELLA_BACKGROUND, 0.0, 0.0), vec2(0.0), vec4(0.0));
+    UmbrellaFound found;
+    found.what = vec4(0.0, -1.0, 0.0, 0.0);
+    found.place = vec2(0.0);
+    found.slope = vec4(0.0);
+#if UMBRELLA_VECTORS
+    found.turn = vec3(1.0, 1.0, 0.0);
+#endif
+    return found;
 }
 
 UmbrellaFound umbrella_found(UmbrellaHit hit, UmbrellaPatchPlace at, float weight)
 {
-    return UmbrellaFound(vec4(weight, at.number, hit.sector, float(at.shape)), hit.place, hit.slope);
+    UmbrellaFound found;
+    found.what = vec4(weight, at.number, hit.sector, float(at.shape));
+    found.place = hit.place;
+    found.slope = hit.slope;
+#if UMBRELLA_VECTORS
+    found.turn = at.look;
+#endif
+    return found;
 }
 
 void umbrella_take(inout UmbrellaFound found, UmbrellaFound now, bool taken)
@@ -106,6 +169,9 @@ void umbrella_take(inout UmbrellaFound found, UmbrellaFound now, bool taken)
     found.what = mix(found.what, now.what, bvec4(taken));
     found.place = mix(found.place, now.place, bvec2(taken));
     found.slope = mix(found.slope, now.slope, bvec4(taken));
+#if UMBRELLA_VECTORS
+    found.turn = mix(found.turn, now.turn, bvec3(taken));
+#endif
 }
 
 // position: in cells, relative to base; dx, dy: its derivatives per pixel.
@@ -126,7 +192,7 @@ vec4 umbrella_compose(UmbrellaLook look, vec2 relative, vec2 base, vec2 dx, vec2
     bool isTop = true;
     bool more;
     do {
-        // Search: up to three umbrellas.
+        // Search.
         UmbrellaFound first = umbrella_nothing();
         UmbrellaFound second = first;
         UmbrellaFound third = first;
@@ -149,20 +215,19 @@ vec4 umbrella_compose(UmbrellaLook look, vec2 relative, vec2 base, vec2 dx, vec2
             umbrella_take(third, now, isHit && found == 2.0);
             clear -= isHit ? now.what.x : 0.0;
             found += isHit ? 1.0 : 0.0;
-            list += running && done ? ivec2(UMBRELLA_STRIDE, -1) : ivec2(0);
+            list += running && done ? ivec2(look.grid.stride, -1) : ivec2(0);
             sector = done ? -1.0 : sector;
             tries = done ? 0 : tries;
-            running = running && list.y > 0 && found < 3.0 && clear > UMBRELLA_OPAQUE;
+            running = running && list.y > 0 && found < UMBRELLA_SEARCHED && clear > UMBRELLA_OPAQUE;
         } while (running);
-        more = list.y > 0 && clear > UMBRELLA_OPAQUE;
-        // What is left shows the background, as the hit that comes last.
-        bool open = found < 3.0 && !more && clear > UMBRELLA_OPAQUE;
-        UmbrellaFound behind = umbrella_background(clear);
-        umbrella_take(first, behind, open && found == 0.0);
-        umbrella_take(second, behind, open && found == 1.0);
-        umbrella_take(third, behind, open && found == 2.0);
-        clear -= open ? clear : 0.0;
-        more = more || clear > UMBRELLA_OPAQUE;
+        // What is left at the end of the list shows the background, as the hit that comes last.
+        bool isLast = found < UMBRELLA_SEARCHED && clear > UMBRELLA_OPAQUE;
+        UmbrellaFound behind = umbrella_nothing();
+        behind.what.xy = vec2(clear, UMBRELLA_BACKGROUND);
+        umbrella_take(first, behind, isLast && found == 0.0);
+        umbrella_take(second, behind, isLast && found == 1.0);
+        umbrella_take(third, behind, isLast && found == 2.0);
+        clear -= isLast ? clear : 0.0;
 #if UMBRELLA_SHADOWS
         vec3 light = umbrella_light(look, cell, place, vec3(first.what.y, second.what.y, third.what.y));
 #else
@@ -173,38 +238,39 @@ vec4 umbrella_compose(UmbrellaLook look, vec2 relative, vec2 base, vec2 dx, vec2
         do {
             float weight = first.what.x;
             bool isBackground = first.what.y >= UMBRELLA_BACKGROUND;
-            int shape = int(first.what.w);
-            vec4 head = umbrella_texel(look.grid, shape);
-            float number = first.what.z - (first.what.z < head.w ? 0.0 : head.w);
-            vec4 corners = umbrella_texel(look.grid, umbrella_vertices(look.grid, shape) + int(head.w + number) + UMBRELLA_AFTER);
-            vec2 alongA = corners.xy - head.xy;
-            vec2 alongB = corners.zw - head.xy;
-            vec2 uv = head.xy + first.place.x * alongA + first.place.y * alongB;
-            vec2 uvdx = first.slope.x * alongA + first.slope.y * alongB;
-            vec2 uvdy = first.slope.z * alongA + first.slope.w * alongB;
-            uv = isBackground ? (cell + place.inside) / look.grid.cells : uv;
-            uvdx = isBackground ? place.dx / look.grid.cells : uvdx;
-            uvdy = isBackground ? place.dy / look.grid.cells : uvdy;
-            int record = isBackground ? look.background : look.images + look.imageTexels * int(max(head.z, 0.0));
-            Image image = image_open(record);
-            float level = isotropic_level(uvdx * image.size, uvdy * image.size);
-            vec4 texel = image_at_level(image, uv, level);
-            texel = !isBackground && head.z < 0.0 ? vec4(0.0, 0.0, 0.0, 1.0) : texel;
+            UmbrellaTexel at = umbrella_texel_place(look, int(first.what.w), first.what.z, first.place, first.slope);
+            int record = isBackground ? look.background : umbrella_image_record(look, at.image);
+            at.uv = isBackground ? (cell + place.inside) / look.grid.cells : at.uv;
+            at.dx = isBackground ? place.dx / look.grid.cells : at.dx;
+            at.dy = isBackground ? place.dy / look.grid.cells : at.dy;
+            at.image = isBackground ? 0.0 : at.image;
+            float level;
+            vec4 texel = umbrella_image(look, at, record, level);
+            float index = first.what.y;
 #if UMBRELLA_COLORS
             float begin = isBackground ? 0.0 : first.what.y;
-            float next = number + 1.0 < head.w ? number + 2.0 : 1.0;
             vec4 center = umbrella_color(look, begin);
-            vec4 colorA = umbrella_color(look, begin + 1.0 + number);
-            vec4 colorB = umbrella_color(look, begin + next);
+            vec4 colorA = umbrella_color(look, begin + at.vertices.x);
+            vec4 colorB = umbrella_color(look, begin + at.vertices.y);
             vec3 offset = (1.0 - first.place.x - first.place.y) * center.rgb + first.place.x * colorA.rgb + first.place.y * colorB.rgb;
-            vec3 varied = clamp(texel.rgb + look.colorBlend * texel.a * offset, vec3(0.0), vec3(texel.a));
-            texel.rgb = isBackground ? texel.rgb : varied;
-            float index = center.a + 2048.0 * colorA.a;
+            vec3 varied = texel.rgb + look.colorBlend * texel.a * offset;
+            index = center.a + 2048.0 * colorA.a;
 #else
-            float index = first.what.y;
+            vec3 varied = texel.rgb;
 #endif
+            varied = clamp(varied, vec3(0.0), vec3(texel.a));
+#if UMBRELLA_VECTORS
+            vec2 vector = 2.0 * varied.xy - texel.a;
+            float mirror = first.turn.x < 0.0 ? -1.0 : 1.0;
+            varied.xy = 0.5 * (vec2(first.turn.y * vector.x - mirror * first.turn.z * vector.y,
+                                    first.turn.z * vector.x + mirror * first.turn.y * vector.y) + texel.a);
+#endif
+            texel.rgb = isBackground ? texel.rgb : varied;
             color += weight * vec4(light.x * texel.rgb, texel.a);
-            bool tells = isTop && weight > 0.0;
+#if UMBRELLA_ALPHA
+            clear += isBackground ? 0.0 : weight * (1.0 - texel.a);
+#endif
+            bool tells = isTop && weight * texel.a > 0.0;
             topLod = tells ? level : topLod;
             top = tells && !isBackground ? index : top;
             isTop = isTop && !tells;
@@ -213,6 +279,7 @@ vec4 umbrella_compose(UmbrellaLook look, vec2 relative, vec2 base, vec2 dx, vec2
             third.what.x = 0.0;
             light = vec3(light.yz, 1.0);
         } while (first.what.x > 0.0);
+        more = !isLast && clear > UMBRELLA_OPAQUE;
     } while (more);
     lod = topLod;
     patchIndex = top;

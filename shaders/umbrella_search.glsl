@@ -1,7 +1,8 @@
 // Umbrellas of a place, front to back (Just-in-time texture synthesis 2012, section 6.1): which cover it, and how much of a
 // pixel. Included by umbrella.glsl. Provides UmbrellaGrid, UmbrellaPlace, UmbrellaHit, umbrella_list, umbrella_test.
 //
-// Defines: UMBRELLA_STRIDE texels of an entry; UMBRELLA_PROJECTIVE 1 where any matrix is; UMBRELLA_MORPHS 1 where shapes do.
+// Defines: UMBRELLA_PROJECTIVE 1 where any matrix is; UMBRELLA_MORPHS 1 where shapes do; UMBRELLA_COVERAGES, UMBRELLA_VECTORS
+// see umbrella.glsl.
 //
 // Layout of the float page: fexel/textures/umbrella_texels.py. Addresses are exact in a float: there are less than 2^24.
 
@@ -13,6 +14,7 @@ struct UmbrellaGrid {
     int rowBits;
     float bins;          // of a table, over a full turn
     float slices;        // tables of a shape, over the range of the morph
+    int stride;          // texels of an entry
     vec2 cells;
 };
 
@@ -44,9 +46,10 @@ struct UmbrellaPatchPlace {
     vec2 point;
     vec2 dx;
     vec2 dy;
-    float number;
-    int shape;
+    float number;        // of the first colour, or of the umbrella
+    int shape;           // address
     float morph;
+    vec3 look;           // coverage, negative where mirrored; cosine, sine
 };
 
 UmbrellaPatchPlace umbrella_patch_place(UmbrellaGrid grid, int entry, UmbrellaPlace place)
@@ -60,17 +63,22 @@ UmbrellaPatchPlace umbrella_patch_place(UmbrellaGrid grid, int entry, UmbrellaPl
     result.number = rowX.w;
     result.shape = int(rowY.w);
     result.morph = 0.0;
-#if UMBRELLA_STRIDE > 2
-    vec4 rowW = umbrella_texel(grid, entry + 2);
-    result.morph = rowW.w;
+    result.look = vec3(1.0, 1.0, 0.0);
+#if UMBRELLA_MORPHS || UMBRELLA_COVERAGES || UMBRELLA_VECTORS
+    vec4 look = umbrella_texel(grid, entry + grid.stride - 1);
+    result.look = look.xyz;
+    result.morph = look.w;
+#endif
 #if UMBRELLA_PROJECTIVE
+    vec4 rowW = umbrella_texel(grid, entry + 2);
+    bool isAffine = grid.stride == 3;
+    float w = isAffine ? 1.0 : dot(rowW.xy, place.inside) + rowW.z;
+    rowW.xy = isAffine ? vec2(0.0) : rowW.xy;
     // At or behind infinity the point goes where no umbrella reaches.
-    float w = dot(rowW.xy, place.inside) + rowW.z;
     float inverse = w > 0.0 ? 1.0 / w : 0.0;
     result.point = w > 0.0 ? result.point * inverse : vec2(1e15);
     result.dx = (result.dx - result.point * dot(rowW.xy, place.dx)) * inverse;
     result.dy = (result.dy - result.point * dot(rowW.xy, place.dy)) * inverse;
-#endif
 #endif
     return result;
 }
@@ -134,6 +142,9 @@ UmbrellaHit umbrella_test(UmbrellaGrid grid, UmbrellaPatchPlace at, inout float 
     float ramp = clamp((1.0 - sum) / max(steepness, 1e-30) + 0.5, 0.0, 1.0);  // 1e-30: where a pixel is a point
     // Rounding may put the point beside a spoke, not further: there no sector sees it from the centre.
     hit.coverage = found && area > 0.0 && min(hit.place.x, hit.place.y) >= -1e-5 ? ramp : 0.0;
+#if UMBRELLA_COVERAGES
+    hit.coverage *= abs(at.look.x);
+#endif
     hit.place /= max(sum, 1.0);
     return hit;
 }

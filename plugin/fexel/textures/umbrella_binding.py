@@ -13,9 +13,10 @@ from fexel.textures.image_view import WRAP_CODES, ImageView, image_defines
 from fexel.textures.kind import Part, Sight, Slot
 from fexel.textures.pool import TexturePool
 from fexel.textures.umbrella import UmbrellaData
+from fexel.textures.umbrella_arrangement import Arrangement
 from fexel.textures.umbrella_texels import Layout
 
-__all__ = ["ImagePlaces", "StaticPlaces", "UmbrellaFeatures", "UmbrellaSlot", "bind", "umbrella_record"]
+__all__ = ["ArrangementPlaces", "ImagePlaces", "UmbrellaFeatures", "UmbrellaSlot", "bind", "umbrella_record"]
 
 CONSTANTS = 7  # texels of the record that every pixel reads
 
@@ -27,18 +28,20 @@ class UmbrellaFeatures:
     Attributes
     ----------
     drawn, picture : bool
-        Whether the view sees umbrellas, and whether a prefiltered level.
+        Whether the view sees umbrellas, and whether the prefiltered picture.
+    merged : int
+        Arrangements seen besides the finest.
     probes : bool
         Anisotropic ones are taken.
-    stride : int
-        Texels of an entry.
-    projective, morphs, shadows, colors, alpha, coverages, vectors, scaled, outside, perspective : bool
+    projective : bool
+        Whether entries have a row for w.
+    morphs, shadows, colors, alpha, coverages, vectors, scaled, outside, perspective : bool
     """
 
     drawn: bool
+    merged: int
     picture: bool
     probes: bool
-    stride: int
     projective: bool
     morphs: bool
     shadows: bool
@@ -69,11 +72,12 @@ class UmbrellaSlot(Slot):
 
 
 @dataclass(frozen=True, eq=False)
-class StaticPlaces:
-    """Where the static data of an arrangement lie.
+class ArrangementPlaces:
+    """An arrangement and where its static data lie.
 
     Attributes
     ----------
+    arrangement : Arrangement
     origins : (4,) float64
         Page texels of the first texel in the float page and in the half-float page.
     row_bits : (int, int)
@@ -81,6 +85,7 @@ class StaticPlaces:
     layout : Layout
     """
 
+    arrangement: Arrangement
     origins: NDArray[np.float64]
     row_bits: tuple[int, int]
     layout: Layout
@@ -88,7 +93,7 @@ class StaticPlaces:
 
 @dataclass(frozen=True)
 class ImagePlaces:
-    """Where the records of images lie: of the first base, the background and the level's picture, each of `texels`."""
+    """Where the records of images lie: of the first base, the background and the picture, each of `texels`."""
 
     bases: int
     background: int
@@ -99,11 +104,11 @@ class ImagePlaces:
 def umbrella_record(
     data: UmbrellaData,
     sight: Sight,
+    places: ArrangementPlaces | None,
     *,
-    static: StaticPlaces,
     images: ImagePlaces,
     wrap: tuple[str, str],
-    blend: tuple[float, float],
+    detail: tuple[int, int, int, int],
 ) -> NDArray[np.float64]:
     """(11, 4), see shaders/umbrella.glsl.
 
@@ -112,28 +117,31 @@ def umbrella_record(
     data : UmbrellaData
     sight : Sight
         Its ``local_to_st`` leads to the texture's own coordinates.
-    static : StaticPlaces
+    places : ArrangementPlaces or None
+        None where no umbrella is drawn.
     images : ImagePlaces
     wrap : (str, str)
         Resolved.
-    blend : (float, float)
-        Level of the picture, and how many levels it is blended in over.
+    detail : (int, int, int, int)
+        Coarser arrangements that follow, level of this one, level of the picture, 1 if there is one.
     """
-    arrangement, layout = data.arrangement, static.layout
-    cells = np.array(layout.cells.size)
+    arrangement = places.arrangement if places else data.arrangement
+    layout = places.layout if places else Layout(0, 1, 1, False, arrangement.grid)
+    origins, bits = (places.origins, places.row_bits) if places else (np.zeros(4), (0, 0))
+    cells = np.array(layout.size)
     rows, base = _rows(sight, cells, wrap)
-    codes = WRAP_CODES[wrap[0]] + 4 * WRAP_CODES[wrap[1]] + 16 * static.row_bits[0] + 512 * static.row_bits[1]
+    codes = WRAP_CODES[wrap[0]] + 4 * WRAP_CODES[wrap[1]] + 16 * bits[0] + 512 * bits[1]
     return np.array(
         [
             [*rows[0], base[0]],
             [*rows[1], base[1]],
             [*cells, *(np.array(arrangement.grid) / cells)],
-            static.origins,
+            origins,
             [layout.bins, layout.slices, arrangement.color_blend, codes],
             [*(np.array(arrangement.shadow_offset) * cells), arrangement.shadow_strength, images.bases],
-            [images.background, images.picture, images.texels, layout.umbrellas],
+            [images.background, images.picture, images.texels, layout.stride],
             [*rows[2], 0.0],
-            [*blend, 0.0, 0.0],
+            detail,
             data.scale,
             data.bias,
         ]

@@ -1,7 +1,7 @@
 """Umbrella textures on the GPU: what a view sees of one, and the records of shaders/umbrella*.glsl.
 
-The arrangement itself is static (`umbrella_texels`): a view chooses only how far beyond a cell its list must serve,
-which images and levels are seen, and whether it sees umbrellas, the prefiltered level or both.
+Arrangements are static (`umbrella_texels`): a view chooses only which levels of detail it sees, how far beyond a cell
+its list must serve, and which mip levels of images it needs.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fexel import homography
+from fexel.textures.image_source import ImageSource
 from fexel.textures.image_view import ImageView
 from fexel.textures.index import build_tree
 from fexel.textures.kind import Sight
@@ -19,24 +20,37 @@ from fexel.textures.page_format import FLOAT, HALF
 from fexel.textures.pool import TexturePool
 from fexel.textures.pyramid_cache import PyramidCache
 from fexel.textures.residency import PairView, view_pairs
-from fexel.textures.umbrella import LEVEL_IMAGE_BIAS, UmbrellaData
-from fexel.textures.umbrella_arrangement import Arrangement
+from fexel.textures.umbrella import UmbrellaData
 from fexel.textures.umbrella_binding import (
+    ArrangementPlaces,
     ImagePlaces,
-    StaticPlaces,
     UmbrellaFeatures,
     UmbrellaSlot,
     bind,
     umbrella_record,
 )
 from fexel.textures.umbrella_cells import fine_size
-from fexel.textures.umbrella_texels import ArrangementSource, ArrangementTexels, ColorSource
+from fexel.textures.umbrella_detail import Detail, LevelView, PictureView, detail_of
+from fexel.textures.umbrella_picture import PictureTexels, umbrella_cells
+from fexel.textures.umbrella_scales import texel_scales
+from fexel.textures.umbrella_texels import ArrangementSource, ArrangementTexels, ColorSource, Layout
 
 __all__ = ["bind", "plan"]
 
-_LEVEL_0 = 3.0  # -log2 of the cells per pixel up to which umbrellas are seen alone
-_FOOTPRINTS = (-6.0, -4.0, -2.0)  # log2 of the cells per pixel that lists are made for
-_TEXEL_MARGIN = 0.7  # octaves by which mip levels of a base may differ from those of its least-squares placement
+_FOOTPRINT_STEP = 1.0  # octaves from one margin of lists to the next
+_FINEST_FOOTPRINT = -7.0  # log2 of cells per pixel
+
+
+@dataclass(frozen=True, eq=False)
+class _Drawn:
+    """An arrangement of a view: numbers in the pool of its static data, -1 for no colours, and its bases' images."""
+
+    view: LevelView
+    source: ArrangementSource
+    layout: Layout
+    texels: int
+    colors: int
+    bases: tuple[ImageView, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,13 +59,12 @@ class _UmbrellaPlan:
 
     data: UmbrellaData
     sight: Sight
-    source: ArrangementSource
-    numbers: tuple[int, int]
-    bases: tuple[ImageView, ...]
+    detail: Detail
+    drawn: tuple[_Drawn, ...]
     background: ImageView
     picture: ImageView | None
-    blend: tuple[float, float]
-    features: UmbrellaFeatures
+    probes: bool
+    opaque: bool
     wrap: tuple[str, str]
 
     @property
@@ -62,123 +75,89 @@ class _UmbrellaPlan:
     def layers_seen(self) -> Collection[str]:
         return (self.sight.path,)
 
+    @property
+    def _images(self) -> list[ImageView]:
+        """Of all bases, the background, the picture."""
+        bases = [view for drawn in self.drawn for view in drawn.bases]
+        return [*bases, self.background, *([self.picture] if self.picture else [])]
+
     def write(self, pool: TexturePool) -> UmbrellaSlot:
-        views = [*self.bases, self.background, *([self.picture] if self.picture else [])]
-        records = [view.record(pool) for view in views]
-        texels = max(len(record) for record in records)
-        start = pool.records.next
-        for record in records:
-            pool.records.append(np.concatenate([record, np.zeros((texels - len(record), 4))]))
-        background = start + texels * len(self.bases)
-        record = umbrella_record(
-            self.data,
-            self.sight,
-            static=self._static(pool),
-            images=ImagePlaces(start, background, background + texels, texels),
-            wrap=self.wrap,
-            blend=self.blend,
-        )
-        classes = {int(pool.page_class[view.image]) for view in views} | {FLOAT}
+        images = self._images
+        start, texels = _write_images(images, pool)
+        background = start + texels * (len(images) - (2 if self.picture else 1))
+        picture = self.detail.picture
+        after = (picture.level, 1) if picture else (0, 0)
+        records = []
+        bases = start
+        for drawn in self.drawn or (None,):
+            places = ImagePlaces(bases, background, background + texels, texels)
+            records.append(
+                umbrella_record(
+                    self.data,
+                    self.sight,
+                    _places(drawn, pool) if drawn else None,
+                    images=places,
+                    wrap=self.wrap,
+                    detail=(len(self.drawn) - 1, drawn.view.level if drawn else 0, *after),
+                )
+            )
+            bases += texels * len(drawn.bases) if drawn else 0
+        classes = {int(pool.page_class[view.image]) for view in images}
+        classes |= {FLOAT} if self.drawn else set()
+        features = self._features()
         return UmbrellaSlot(
             kind="umbrella",
-            page_classes=frozenset(classes | ({HALF} if self.features.colors else set())),
-            record=pool.records.append(record),
-            features=self.features,
-            images=tuple(views),
-            constants=record,
+            page_classes=frozenset(classes | ({HALF} if features.colors else set())),
+            record=pool.records.append(np.concatenate(records)),
+            features=features,
+            images=tuple(images),
+            constants=records[0],
         )
 
-    def _static(self, pool: TexturePool) -> StaticPlaces:
-        reader = pool.reader(ArrangementTexels)
-        sources = (self.source, ColorSource(self.data.arrangement))
-        origins = np.zeros((2, 2))
-        for which, (number, page_class) in enumerate(zip(self.numbers, (FLOAT, HALF), strict=True)):
-            if number >= 0:
-                page = np.array(pool.atlases[page_class].size)
-                origins[which] = np.rint(pool.places[number, 0, 2:] * page)
-        bits = tuple(reader.row_bits(source) if self.numbers[0] >= 0 else 0 for source in sources)
-        return StaticPlaces(origins.ravel(), (bits[0], bits[1]), reader.layout(self.source))
+    def _features(self) -> UmbrellaFeatures:
+        data = self.data
+        arrangements = [drawn.view.arrangement for drawn in self.drawn]
+        return UmbrellaFeatures(
+            drawn=bool(self.drawn),
+            merged=max(len(self.drawn) - 1, 0),
+            picture=self.picture is not None,
+            probes=self.probes,
+            projective=any(drawn.layout.stride > 3 for drawn in self.drawn),
+            morphs=any(drawn.layout.morphs for drawn in self.drawn),
+            shadows=any(arrangement.shadow_strength > 0 for arrangement in arrangements),
+            colors=any(drawn.colors >= 0 for drawn in self.drawn),
+            alpha=not self.opaque,
+            coverages=any(bool((arrangement.coverages < 1).any()) for arrangement in arrangements),
+            vectors=data.turns_vectors,
+            scaled=(tuple(data.scale), tuple(data.bias)) != ((1.0,) * 4, (0.0,) * 4),
+            outside="black" in self.wrap or "patch" in self.wrap,
+            perspective=bool((self.sight.local_to_st[:2, 2] != 0).any()),
+        )
 
 
 def plan(data: UmbrellaData, sight: Sight, pool: TexturePool) -> _UmbrellaPlan:
     """What a view sees of an umbrella texture; see `fexel.textures.kind.KindGpu`."""
-    arrangement = data.arrangement
     sight = replace(sight, local_to_st=sight.local_to_st @ np.array(data.st_to_texture))
-    seen = _seen(sight, arrangement.grid, pool.anisotropy)
-    probes = bool(seen.probes[0] > 1)
+    seen = _seen(sight, data.arrangement.grid, pool.anisotropy)
     low, high = float(seen.lod_low[0]), float(seen.lod_high[0])
-    cache, reader = pool.reader(PyramidCache), pool.reader(ArrangementTexels)
-    picture, blend = None, (1.0, 1.0)
-    finer = 0
-    for level in data.levels:
-        if level.image is not None:
-            picture, blend = level.image, (float(level.level), float(level.level - finer))
-            break
-        finer = level.level
-    drawn = picture is None or low + _LEVEL_0 < blend[0]
-    shown = picture is not None and high + _LEVEL_0 > blend[0] - blend[1]
-    footprint = min(high, blend[0] - _LEVEL_0) if picture is not None else high
-    fits = [octave for octave in _FOOTPRINTS if octave >= footprint]
-    margin = 0.5 * 2.0 ** (fits[0] if fits else _FOOTPRINTS[-1])
-    opaque = tuple(_is_opaque(shape.image, sight.path, cache) for shape in arrangement.shapes)
-    source = ArrangementSource(
-        arrangement,
-        fine_size(arrangement),
-        (margin / arrangement.grid[0], margin / arrangement.grid[1]),
-        opaque,
-    )
-    colors = bool(arrangement.colors.any()) and arrangement.color_blend != 0
-    numbers = [-1, -1]
-    if drawn:
-        numbers[0] = pool.image(source, sight.path, reader)
-        _ask_whole(pool, numbers[0])
-        if colors:
-            numbers[1] = pool.image(ColorSource(arrangement), sight.path, reader)
-            _ask_whole(pool, numbers[1])
-    bases = []
-    scales = _texel_scales(arrangement, pool, sight.path)
-    for number, shape in enumerate(arrangement.shapes):
-        if shape.image is not None:
-            image = pool.image(shape.image, data.paths[number] if data.paths else sight.path)
-            least, most = scales[number]
-            view = ImageView.of(pool, image, low + least - _TEXEL_MARGIN, min(high, footprint) + most + _TEXEL_MARGIN)
-            bases.append(view)
+    cache = pool.reader(PyramidCache)
+    usable = {level.path for level in data.levels if level.image and _is_readable(level.image, level.path, cache)}
+    detail = detail_of(data, low, high, usable)
+    drawn = tuple(_drawn(data, view, low, sight.path, pool) for view in detail.levels)
     number = pool.image(data.background, sight.path)
-    size = np.log2(np.array(pool.facts(number).size) / arrangement.grid)
-    background = ImageView.of(pool, number, low + size.min(), high + size.max())
-    pictured = None
-    if shown and picture is not None:
-        number = pool.image(picture, sight.path)
-        size = np.log2(np.array(pool.facts(number).size) / arrangement.grid)
-        pictured = ImageView.of(pool, number, low + size.min(), high + size.max(), LEVEL_IMAGE_BIAS)
-        pictured.ask(pool)
+    background = _image_view(pool, number, data.arrangement.grid, (low, high))
     if drawn:
-        for view in (*bases, background):
-            view.ask(pool)
-    facts = pool.facts(background.image)
-    wrap = tuple(
-        (of_file if facts.info else "black") if mode == "useMetadata" else mode
-        for mode, of_file in zip(data.wrap, facts.wrap, strict=True)
-    )
-    layout = reader.layout(source)
-    features = UmbrellaFeatures(
-        drawn=drawn,
-        picture=pictured is not None,
-        probes=probes,
-        stride=layout.stride,
-        projective=layout.projective,
-        morphs=layout.morphs,
-        shadows=arrangement.shadow_strength > 0,
-        colors=colors,
-        alpha=not all(opaque),
-        coverages=bool((arrangement.coverages < 1).any()),
-        vectors=data.turns_vectors,
-        scaled=(tuple(data.scale), tuple(data.bias)) != ((1.0,) * 4, (0.0,) * 4),
-        outside="black" in wrap or "patch" in wrap,
-        perspective=bool((sight.local_to_st[:2, 2] != 0).any()),
-    )
+        background.ask(pool)
     return _UmbrellaPlan(
-        data, sight, source, (numbers[0], numbers[1]), tuple(bases), background, pictured, blend, features, wrap
+        data,
+        sight,
+        detail,
+        drawn,
+        background,
+        _picture(detail.picture, data, (low, high), sight.path, pool) if detail.picture else None,
+        probes=bool(seen.probes[0] > 1),
+        opaque=all(all(each.source.opaque) for each in drawn),
+        wrap=_wrap(data, pool, number),
     )
 
 
@@ -190,33 +169,93 @@ def _seen(sight: Sight, grid: tuple[int, int], anisotropy: float) -> PairView:
     return view_pairs(tree, matrix, bounds, np.array([grid], np.float64), anisotropy)
 
 
-def _ask_whole(pool: TexturePool, image: int) -> None:
+def _is_readable(image: ImageSource, path: str, cache: PyramidCache) -> bool:
+    return cache.facts(image, path).info is not None
+
+
+def _image_view(
+    pool: TexturePool, number: int, grid: tuple[int, int], lods: tuple[float, float], bias: int = 0
+) -> ImageView:
+    """Of an image that covers the unit square; `lods` in cells of the authored grid."""
+    size = np.log2(np.array(pool.facts(number).size) / grid)
+    return ImageView.of(pool, number, lods[0] + size.min(), lods[1] + size.max(), bias)
+
+
+def _picture(
+    picture: PictureView, data: UmbrellaData, lods: tuple[float, float], path: str, pool: TexturePool
+) -> ImageView:
+    reader = None if isinstance(picture.source, ImageSource) else pool.reader(PictureTexels, pool.reader(PyramidCache))
+    number = pool.image(picture.source, picture.path or path, reader)
+    view = _image_view(pool, number, data.arrangement.grid, lods, picture.bias)
+    view.ask(pool)
+    return view
+
+
+def _drawn(data: UmbrellaData, view: LevelView, low: float, path: str, pool: TexturePool) -> _Drawn:
+    """Ask for an arrangement and its bases; `low` is the least footprint, log2 of cells of the full grid per pixel."""
+    arrangement, reader, cache = view.arrangement, pool.reader(ArrangementTexels), pool.reader(PyramidCache)
+    own_grid = np.log2(np.array(arrangement.grid) / data.arrangement.grid)
+    until = view.until + own_grid.max()
+    octave = max(np.ceil(until / _FOOTPRINT_STEP) * _FOOTPRINT_STEP, _FINEST_FOOTPRINT)
+    margin = 0.5 * min(2.0**octave, umbrella_cells(arrangement)) / np.array(arrangement.grid)
+    colored = bool(arrangement.colors.any()) and arrangement.color_blend != 0
+    opaque = tuple(_is_opaque(shape.image, path, cache) for shape in arrangement.shapes)
+    source = ArrangementSource(
+        arrangement, fine_size(arrangement), (float(margin[0]), float(margin[1])), opaque, colored
+    )
+    texels = _ask_whole(pool, pool.image(source, path, reader))
+    colors = _ask_whole(pool, pool.image(ColorSource(arrangement), path, reader)) if colored else -1
+    paths = data.paths if view.level == 0 and data.paths else (path,) * len(arrangement.shapes)
+    numbers = [
+        pool.image(shape.image, where) for shape, where in zip(arrangement.shapes, paths, strict=True) if shape.image
+    ]
+    scales = texel_scales(arrangement, [pool.facts(number).size for number in numbers])
+    bases = tuple(
+        ImageView.of(pool, number, low + own_grid.min() + least, until + most)
+        for number, (least, most) in zip(numbers, scales, strict=True)
+    )
+    for base in bases:
+        base.ask(pool)
+    return _Drawn(view, source, reader.layout(source), texels, colors, bases)
+
+
+def _ask_whole(pool: TexturePool, image: int) -> int:
     level = np.array([0])
     pool.ask(np.array([image]), (level, level), (np.zeros((1, 2)), np.ones((1, 2))))
+    return image
 
 
-def _is_opaque(image, path: str, cache: PyramidCache) -> bool:
+def _is_opaque(image: ImageSource | None, path: str, cache: PyramidCache) -> bool:
     if image is None:
         return True
     info = cache.facts(image, path).info
     return info is not None and info.alpha_channel < 0 and not image.mask
 
 
-def _texel_scales(arrangement: Arrangement, pool: TexturePool, path: str) -> list[tuple[float, float]]:
-    """Per shape: log2 of the least and the most texels of its image per cell of the authored grid."""
-    scales = []
-    centers = arrangement.points[arrangement.first_vertex[:-1]]
-    jacobian = homography.jacobian(arrangement.matrices, centers[:, None])[:, 0] * np.array(arrangement.grid)[:, None]
-    for number, shape in enumerate(arrangement.shapes):
-        users = arrangement.shape_of == number
-        if shape.image is None or not users.any():
-            scales.append((0.0, 0.0))
-            continue
-        size = np.array(pool.facts(pool.image(shape.image, path)).size)
-        # The affine map from patch space to texels that is nearest to the shape's.
-        away = np.column_stack([shape.points, np.ones(len(shape.points))])
-        texels = np.linalg.lstsq(away, shape.tex_coords * size, rcond=None)[0][:2].T
-        stretch = np.linalg.svd(texels @ np.linalg.inv(jacobian[users]), compute_uv=False)
-        # 1e-12 guards an image that is seen along a line.
-        scales.append((float(np.log2(max(stretch.min(), 1e-12))), float(np.log2(max(stretch.max(), 1e-12)))))
-    return scales
+def _wrap(data: UmbrellaData, pool: TexturePool, background: int) -> tuple[str, str]:
+    """Wrap modes; those of the background's file where none are authored, black without one."""
+    facts = pool.facts(background)
+    of_file = facts.wrap if facts.info else ("black", "black")
+    s, t = (own if mode == "useMetadata" else mode for mode, own in zip(data.wrap, of_file, strict=True))
+    return s, t
+
+
+def _write_images(images: list[ImageView], pool: TexturePool) -> tuple[int, int]:
+    """Records of images, one as long as the other; where they begin, and their length in texels."""
+    records = [view.record(pool) for view in images]
+    texels = max(len(record) for record in records)
+    padded = [np.concatenate([record, np.zeros((texels - len(record), 4))]) for record in records]
+    return pool.records.append(np.concatenate(padded)), texels
+
+
+def _places(drawn: _Drawn, pool: TexturePool) -> ArrangementPlaces:
+    """Where the static data of an arrangement have been loaded."""
+    reader = pool.reader(ArrangementTexels)
+    origins, bits = np.zeros((2, 2)), [0, 0]
+    colors = ColorSource(drawn.view.arrangement)
+    for which, (number, source) in enumerate(((drawn.texels, drawn.source), (drawn.colors, colors))):
+        if number >= 0:
+            page = pool.atlases[(FLOAT, HALF)[which]].size
+            origins[which] = np.rint(pool.places[number, 0, 2:] * np.array(page))
+            bits[which] = reader.row_bits(source)
+    return ArrangementPlaces(drawn.view.arrangement, origins.ravel(), (bits[0], bits[1]), drawn.layout)

@@ -9,8 +9,8 @@ Texels of the float page, in this order; addresses count from the first texel, c
 
 - cells: (first entry, entries, 0, 0)
 - entries of `stride` texels: (x from s, t, 1; first colour of the umbrella, or its number where there are none),
-  (y ...; address of the shape), and where matrices are projective or shapes morph: (w ...; morph)
-- umbrellas: (first colour, coverage, cosine, sine of its turn from patch space to st)
+  (y ...; address of the shape), where any matrix is projective (w ...; morph), and (coverage, negative where mirrored;
+  cosine, sine of its turn from patch space to st; morph)
 - shapes: (tex coords of the centre, number of the image or -1, sectors), `slices` tables of `bins` sectors, the contour
   (at a morph of 0, the way to one of 1), whose first `_AFTER` vertices follow again after the last, and tex coords (of
   a vertex and of the next) for each sector.
@@ -28,14 +28,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from fexel import homography
 from fexel.textures.atlas import Box
 from fexel.textures.kept_texels import KeptTexels
 from fexel.textures.page_format import FLOAT, HALF
 from fexel.textures.pyramid_cache import ImageFacts
 from fexel.textures.umbrella_arrangement import Arrangement, Shape
 from fexel.textures.umbrella_cells import Cells, build_cells
-from fexel.textures.umbrella_geometry import FULL_TURN, pseudo_angle
+from fexel.textures.umbrella_geometry import FULL_TURN, pseudo_angle, turns
 
 __all__ = ["ArrangementSource", "ArrangementTexels", "ColorSource", "Layout"]
 
@@ -60,12 +59,15 @@ class ArrangementSource:
         In st, along s and t: how far beyond a cell its list serves.
     opaque : tuple of bool
         By shape: whether its image has no alpha.
+    colored : bool
+        Whether umbrellas are known by their first colour rather than by their number.
     """
 
     arrangement: Arrangement
     size: tuple[int, int]
     margin: tuple[float, float]
     opaque: tuple[bool, ...]
+    colored: bool
 
 
 @dataclass(frozen=True)
@@ -81,25 +83,21 @@ class Layout:
 
     Attributes
     ----------
-    entries, umbrellas, shapes : int
-        Addresses of the first of each.
     stride : int
-        Texels of an entry: 2, or 3.
+        Texels of an entry: 3, or 4 where any matrix is projective.
     bins, slices : int
         Of the tables.
-    projective, morphs : bool
-    cells : Cells
+    morphs : bool
+        Whether any umbrella has another shape than its base.
+    size : (int, int)
+        Cells along s and t.
     """
 
-    entries: int
-    umbrellas: int
-    shapes: int
     stride: int
     bins: int
     slices: int
-    projective: bool
     morphs: bool
-    cells: Cells
+    size: tuple[int, int]
 
 
 class ArrangementTexels:
@@ -171,64 +169,49 @@ def _written(source: ArrangementSource) -> tuple[NDArray[np.float32], Layout]:
     morphs = bool((arrangement.morphs != 0).any()) and any(
         (shape.points != shape.morph_points).any() for shape in arrangement.shapes
     )
-    projective = not arrangement.is_affine
-    stride = 3 if morphs or projective else 2
+    stride = 3 if arrangement.is_affine else 4
     blocks, bins, slices = _shape_blocks(arrangement.shapes, morphs)
-    entries = len(cells.counts)
-    umbrellas = entries + stride * len(cells.umbrella)
-    shapes = umbrellas + len(arrangement)
-    lengths = [len(block) for block in blocks]
-    address = shapes + np.cumsum([0, *lengths])[:-1]
-    rows = _entry_rows(cells, arrangement, address)[:, :stride].reshape(-1, 4)
-    heads = np.zeros((entries, 4))
-    heads[:, 0], heads[:, 1] = entries + stride * cells.first[:-1], cells.counts
-    parts = [heads, rows, _umbrella_rows(arrangement), *blocks]
-    layout = Layout(entries, umbrellas, shapes, stride, bins, slices, projective, morphs, cells)
-    return np.concatenate(parts).astype(np.float32), layout
+    first = len(cells.counts)
+    lengths = [first, stride * len(cells.umbrella), *(len(block) for block in blocks)]
+    address = np.cumsum(lengths)[1:-1] if blocks else np.zeros(0, np.int64)
+    rows = _entry_rows(cells, arrangement, address, source.colored)
+    rows = rows if stride == 4 else rows[:, [0, 1, 3]]
+    heads = np.zeros((first, 4))
+    heads[:, 0], heads[:, 1] = first + stride * cells.first[:-1], cells.counts
+    layout = Layout(stride, bins, slices, morphs, cells.size)
+    return np.concatenate([heads, rows.reshape(-1, 4), *blocks]).astype(np.float32), layout
 
 
-def _entry_rows(cells: Cells, arrangement: Arrangement, address: NDArray[np.int64]) -> NDArray[np.float64]:
-    """(entries, 3, 4): from the place in the cell, in [0, 1]^2, to patch space about the umbrella's centre."""
+def _entry_rows(
+    cells: Cells, arrangement: Arrangement, address: NDArray[np.int64], colored: bool
+) -> NDArray[np.float64]:
+    """(entries, 4, 4): from the place in the cell, in [0, 1]^2, to patch space about the centre; the rest."""
     size = np.array(cells.size)
     cell = np.repeat(np.arange(len(cells.counts)), cells.counts)
     corner = np.stack([cell % size[0], cell // size[0]], 1) / size + cells.shift
     number, matrix = cells.umbrella, arrangement.matrices
-    inverse = np.linalg.inv(matrix)
-    columns = np.swapaxes(inverse[number], 1, 2)  # rows x, y, w for columns (s, t, 1)
-    rows = np.empty((len(number), 3, 4))
-    rows[..., :2] = columns[..., :2] / size
-    rows[..., 2] = np.einsum("nij,nj->ni", columns[..., :2], corner) + columns[..., 2]
+    columns = np.swapaxes(np.linalg.inv(matrix)[number], 1, 2)  # rows x, y, w for columns (s, t, 1)
+    rows = np.empty((len(number), 4, 4))
+    rows[:, :3, :2] = columns[..., :2] / size
+    rows[:, :3, 2] = np.einsum("nij,nj->ni", columns[..., :2], corner) + columns[..., 2]
     center = arrangement.points[arrangement.first_vertex[:-1]][number]
-    rows[:, :2, :3] -= center[:, :, None] * rows[:, 2:, :3]
+    rows[:, :2, :3] -= center[:, :, None] * rows[:, 2:3, :3]
     # 1 at the centre, so that w is positive before infinity; everywhere where it is affine.
     at_center = np.einsum("nj,nj->n", np.concatenate([center, np.ones((len(center), 1))], 1), matrix[number][:, :, 2])
-    rows[:, :, :3] *= at_center[:, None, None]
-    rows[:, 0, 3] = arrangement.first_vertex[number] if len(arrangement.colors) else number
+    rows[:, :3, :3] *= at_center[:, None, None]
+    rows[:, 0, 3] = arrangement.first_vertex[number] if colored else number
     rows[:, 1, 3] = address[arrangement.shape_of[number]]
     rows[:, 2, 3] = arrangement.morphs[number]
+    rows[:, 3, :3] = _looks(arrangement)[number]
+    rows[:, 3, 3] = rows[:, 2, 3]
     return rows
 
 
-def _umbrella_rows(arrangement: Arrangement) -> NDArray[np.float64]:
-    rows = np.zeros((len(arrangement), 4))
-    rows[:, 0] = arrangement.first_vertex[:-1]
-    rows[:, 1] = arrangement.coverages if len(arrangement.coverages) else 1.0
-    rows[:, 2:] = _turns(arrangement)
-    return rows
-
-
-def _turns(arrangement: Arrangement) -> NDArray[np.float64]:
-    """(n, 2) cosine and sine of the rotation nearest to each umbrella's Jacobian at its centre."""
-    if not len(arrangement):
-        return np.zeros((0, 2))
-    centers = arrangement.points[arrangement.first_vertex[:-1]]
-    jacobian = homography.jacobian(arrangement.matrices, centers[:, None])[:, 0]
-    cosine = jacobian[:, 0, 0] + jacobian[:, 1, 1]
-    sine = jacobian[:, 1, 0] - jacobian[:, 0, 1]
-    size = np.hypot(cosine, sine)
-    whole = size > 0
-    safe = np.where(whole, size, 1.0)
-    return np.stack([np.where(whole, cosine / safe, 1.0), np.where(whole, sine / safe, 0.0)], 1)
+def _looks(arrangement: Arrangement) -> NDArray[np.float64]:
+    """(n, 3): coverage, negative where mirrored; cosine and sine of the turn."""
+    turn = turns(arrangement)
+    coverage = arrangement.coverages if len(arrangement.coverages) else np.ones(len(arrangement))
+    return np.column_stack([coverage * np.sign(np.linalg.det(turn)), turn[:, 0, 0], turn[:, 1, 0]])
 
 
 def _shape_blocks(shapes: tuple[Shape, ...], morphs: bool) -> tuple[list[NDArray[np.float64]], int, int]:

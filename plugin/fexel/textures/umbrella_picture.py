@@ -1,0 +1,119 @@
+"""The prefiltered picture of an umbrella texture that has none: made from its twin when a view is far enough away.
+
+A stage that was edited by hand has no level of detail that goes with it, and is to be stable to the horizon too.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fexel import mipmaps
+from fexel.textures.atlas import Box
+from fexel.textures.kept_texels import KeptTexels
+from fexel.textures.page_format import HALF, SRGB
+from fexel.textures.page_texels import bordered, encode_page, inner_box
+from fexel.textures.pyramid_cache import ImageFacts, PyramidCache
+from fexel.textures.umbrella import UmbrellaData
+from fexel.textures.umbrella_arrangement import Arrangement
+from fexel.textures.umbrella_twin import UmbrellaTwin
+
+__all__ = ["PictureSource", "PictureTexels", "picture_level", "picture_source", "umbrella_cells"]
+
+_CELL_TEXELS = 8  # along an axis of a cell: as many as there are pixels at full detail
+_SAMPLES = 2  # along an axis of a texel
+_MOST_SAMPLES = 1 << 20  # of a picture: seconds
+_TYPICAL_CELLS = 1.5  # how wide umbrellas are meant to be
+_WRAP = ("repeat", "repeat")
+
+
+@dataclass(frozen=True)
+class PictureSource:
+    """A picture to be made: the texture without levels, matrix, scale and bias, repeating."""
+
+    data: UmbrellaData
+
+
+def picture_source(data: UmbrellaData) -> PictureSource:
+    """What the picture of a texture is made from."""
+    whole = UmbrellaData(
+        background=replace(data.background, wrap=_WRAP),
+        arrangement=data.arrangement,
+        paths=data.paths,
+        wrap=_WRAP,
+        turns_vectors=data.turns_vectors,
+    )
+    return PictureSource(whole)
+
+
+def picture_level(arrangement: Arrangement) -> int:
+    """From which level of detail on the picture is seen alone: where an umbrella is a few pixels wide.
+
+    A level is log2 of cells of the authored grid, which may be anything: it can be negative. Later where so many texels
+    would take too long.
+    """
+    samples = math.prod(arrangement.grid) * (_CELL_TEXELS * _SAMPLES) ** 2
+    least = 1 + math.ceil(math.log2(samples / _MOST_SAMPLES) / 2)
+    return max(least, 1 + round(math.log2(umbrella_cells(arrangement) / _TYPICAL_CELLS)))
+
+
+def umbrella_cells(arrangement: Arrangement) -> float:
+    """Median extent of umbrellas in cells of the authored grid; of none, that which `_TYPICAL_CELLS` says."""
+    if not len(arrangement):
+        return _TYPICAL_CELLS
+    begin = arrangement.first_vertex[:-1]
+    low, high = (of.reduceat(arrangement.vertices, begin) for of in (np.minimum, np.maximum))
+    extent = np.sqrt(np.prod((high - low) * arrangement.grid, axis=1))
+    return max(float(np.median(extent)), 1e-6)  # 1e-6 guards umbrellas that are points
+
+
+class PictureTexels:
+    """Reads `PictureSource`; see `fexel.textures.pool.TexelReader`.
+
+    Parameters
+    ----------
+    kept : KeptTexels
+    cache : PyramidCache
+        Of the images in it.
+    """
+
+    def __init__(self, kept: KeptTexels, cache: PyramidCache) -> None:
+        self._kept, self._cache = kept, cache
+        self._facts: dict[PictureSource, ImageFacts] = {}
+
+    def facts(self, source: PictureSource, path: str) -> ImageFacts:
+        """Size and page class."""
+        if source not in self._facts:
+            arrangement = source.data.arrangement
+            per_cell = 2.0 * _CELL_TEXELS / 2.0 ** picture_level(arrangement)
+            width, height = (max(1, round(cells * per_cell)) for cells in arrangement.grid)
+            images = [shape.image for shape in arrangement.shapes if shape.image] + [source.data.background]
+            classes = {self._cache.facts(image, path).page_class for image in images if image.file}
+            page_class = SRGB if classes == {SRGB} else HALF
+            self._facts[source] = ImageFacts((width, height), page_class, _WRAP, None)
+        return self._facts[source]
+
+    def window(self, source: PictureSource, path: str, level: int, box: Box) -> NDArray:
+        """Texels of a window with its border."""
+        levels = self._kept.get(source)
+        facts = self.facts(source, path)
+        if levels is None:
+            levels = [encode_page(texels, facts.page_class) for texels in mipmaps.pyramid(self._made(source, path))]
+            self._kept.keep(source, levels, sum(texels.nbytes for texels in levels))
+        size = (levels[level].shape[1], levels[level].shape[0])
+        x0, y0, x1, y1 = inner_box(box, size)
+        return bordered(levels[level][y0:y1, x0:x1], box, size, _WRAP)
+
+    def _made(self, source: PictureSource, path: str) -> NDArray[np.float32]:
+        """(H, W, 4) means of a few soft lookups per texel."""
+        width, height = self.facts(source, path).size
+        columns, rows = width * _SAMPLES, height * _SAMPLES
+        s, t = (np.arange(columns) + 0.5) / columns, (np.arange(rows)[::-1] + 0.5) / rows
+        st = np.stack(np.meshgrid(s, t), axis=-1).reshape(-1, 2)
+        twin = UmbrellaTwin(source.data, path, most_probes=1.0, cache=self._cache)
+        color = twin.sample(st, np.diag([1.0 / columns, 1.0 / rows]))
+        color = color.reshape(height, _SAMPLES, width, _SAMPLES, 4).mean(axis=(1, 3))
+        return color.astype(np.float32)
