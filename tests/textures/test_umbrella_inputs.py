@@ -86,7 +86,7 @@ def test_arrays_are_read_as_they_are():
     assert arrangement.shapes[0].image.file == "/nowhere/Square.png"
     assert np.array_equal(arrangement.shapes[0].morph_points[:, 0], 2 * np.array(SQUARE)[:, 0])
     assert np.array_equal(arrangement.shapes[1].morph_points, arrangement.shapes[1].points)
-    assert data.paths == ("/Lawn/Square", "/Lawn/Triangle")
+    assert data.paths == ("/Lawn/Square.file", "/Lawn/Triangle.file")
 
 
 def test_equal_stages_compare_and_hash_equal_and_others_do_not():
@@ -124,7 +124,7 @@ def test_inactive_patches_do_not_count():
     umbrella(stage).CreatePatchIndicesAttr([0, 0])
     data, messages = said(stage)
     assert messages == []
-    assert data.paths == ("/Lawn/Triangle",)
+    assert data.paths == ("/Lawn/Triangle.file",)
 
 
 def test_matrix_wrap_scale_and_fallback_are_those_of_a_texture():
@@ -430,7 +430,7 @@ def test_levels_are_read_in_order_of_their_numbers():
     merged_level(stage, "B", 1)
     data, messages = said(stage)
     assert messages == []
-    assert [(level.level, level.path) for level in data.levels] == [(1, "/Lawn/B"), (3, "/Lawn/A")]
+    assert [(level.level, level.path) for level in data.levels] == [(1, "/Lawn/B.file"), (3, "/Lawn/A.file")]
     merged, image = data.levels
     assert image.image.file == "/nowhere/level.tif"
     assert merged.arrangement.grid == merged.grid == (2, 2)
@@ -509,7 +509,7 @@ def test_stale_level_is_said_once_and_left_out(change):
     assert len(read(stage).levels) == 2
     change(umbrella(stage))
     data, messages = said(stage)
-    assert [level.path for level in data.levels] == ["/Lawn/Level1"]
+    assert [level.path for level in data.levels] == ["/Lawn/Level1.file"]
     assert messages == [
         f"/Lawn/Level2.{DIGEST_KEY}: made from another arrangement than its texture has now; it is left out"
     ]
@@ -577,5 +577,5 @@ def test_second_level_of_a_number_is_left_out():
     image_level(stage, "A", 1)
     merged_level(stage, "B", 1)
     data, messages = said(stage)
-    assert [level.path for level in data.levels] == ["/Lawn/A"]
+    assert [level.path for level in data.levels] == ["/Lawn/A.file"]
     assert messages == ["/Lawn/B.level: 1 is that of /Lawn/A as well; it is left out"]

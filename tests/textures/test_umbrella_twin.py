@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from bench.zipmap_stage import save
+from fexel import images
 from fexel.errors import FexelWarning
 from fexel.textures.image_source import ImageSource
 from fexel.textures.umbrella import UmbrellaData, UmbrellaLevelData
@@ -539,6 +540,17 @@ def test_level_follows_the_minor_axis_within_the_probes(tmp_path):
     assert look(data, [[0.3, 0.6]], axes, most_probes=8)[0, 0] == pytest.approx(1)
 
 
+def test_image_of_a_level_is_read_one_mip_level_finer(tmp_path):
+    ladder = [np.tile(np.float32([number / 8, 0, 0]), (2 ** (4 - number), 2 ** (4 - number), 1)) for number in range(5)]
+    file = str(tmp_path / "ladder.tif")
+    images.write_pyramid(file, ladder, "float32", "raw")
+    source = ImageSource(file, color_space="raw", wrap=("repeat", "repeat"))
+    data = ground(umbrellas(), levels=(UmbrellaLevelData(1, "/Lawn/Level.file", image=source),))
+    for number in (2, 3, 4):  # texels per pixel: an ordinary image would show this level of the ladder
+        width = 2.0**number / 16
+        assert look(data, [[0.3, 0.6]], np.eye(2) * width)[0, 0] == pytest.approx((number - 1) / 8)
+
+
 def test_merged_levels_blend_one_after_the_other():
     whole = placement(0.5, 0.5, 1.0)
 
@@ -555,7 +567,7 @@ def test_merged_levels_blend_one_after_the_other():
 
 
 def test_level_that_cannot_be_read_is_left_out_and_said():
-    levels = (UmbrellaLevelData(1, "/Lawn/Level", image=ImageSource("/nowhere/level.tif")),)
+    levels = (UmbrellaLevelData(1, "/Lawn/Level.file", image=ImageSource("/nowhere/level.tif")),)
     with pytest.warns(FexelWarning, match=r"^/Lawn/Level\.file: .*no such file; left out$") as caught:
         twin = UmbrellaTwin(ground(umbrellas(), levels=levels), "/Lawn")
     assert len(caught) == 1
@@ -566,7 +578,7 @@ def test_base_that_cannot_be_read_is_not_there_and_said():
     arrangement = umbrellas(placement(0.5, 0.5, 0.5), image=ImageSource("/nowhere/leaf.png", wrap=CLAMP))
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        shown = look(ground(arrangement, paths=("/Lawn/Leaf",)), [[0.5, 0.5]])
+        shown = look(ground(arrangement, paths=("/Lawn/Leaf.file",)), [[0.5, 0.5]])
     assert len(caught) == 1
-    assert "/Lawn/Leaf" in str(caught[0].message)
+    assert str(caught[0].message) == "/Lawn/Leaf.file: /nowhere/leaf.png: no such file; left out"
     assert np.allclose(shown, SOIL)

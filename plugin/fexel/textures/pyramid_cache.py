@@ -72,7 +72,7 @@ class PyramidCache:
         self._warned: set[str] = set()
 
     def facts(self, source: ImageSource, path: str) -> ImageFacts:
-        """Header facts; `path` is the prim to name when the file cannot be read."""
+        """Header facts; `path`: texture prim to name when the file cannot be read, or the attribute of a part of it."""
         if source not in self._facts:
             self._facts[source] = self._read_facts(source, path)
         return self._facts[source]
@@ -104,7 +104,9 @@ class PyramidCache:
         message = f"{attribute}: {fault}; {instead}"
         if message not in self._warned:
             self._warned.add(message)
-            warnings.warn(f"{path}.{message}", FexelWarning, stacklevel=2)
+            # An attribute of a part of a texture: there is no fallback for it.
+            whole = f"{path}: {fault}; left out" if "." in path else f"{path}.{message}"
+            warnings.warn(whole, FexelWarning, stacklevel=2)
 
     def window(self, source: ImageSource, path: str, level: int, box: tuple[int, int, int, int]) -> NDArray:
         """Texels of a window and the border of one texel around it.

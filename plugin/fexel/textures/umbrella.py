@@ -59,7 +59,7 @@ class UmbrellaLevelData:
     level : int
         At least 1: a cell stands for 2^level x 2^level of the full arrangement.
     path : str
-        Of the prim.
+        Of the attribute that names its image.
     grid : (int, int)
     arrangement : Arrangement or None
         Merged umbrellas over the same background.
@@ -86,7 +86,7 @@ class UmbrellaData:
     levels : tuple of UmbrellaLevelData
         The finest first, one per level.
     paths : tuple of str
-        UmbrellaPatch prim of each shape.
+        Attribute that names the image of each shape.
     wrap : (str, str)
         Of the texture: tokens as of an image, ``("patch", "patch")`` for what is transparent outside of [0, 1]^2.
         ``useMetadata`` is what the background's file says, ``black`` without one.
@@ -144,7 +144,7 @@ def extract(prim: Usd.Prim, time: Usd.TimeCode, nested: bool = False) -> Umbrell
     data = UmbrellaData(
         background=_background(inputs, nested, scale, bias),
         arrangement=arrangement,
-        paths=tuple(patch.path for patch in patches),
+        paths=tuple(f"{patch.path}.file" for patch in patches),
         wrap=PATCH_WRAP if nested else wrap_of(inputs),
         st_to_texture=_IDENTITY if nested else _matrix(inputs),
         scale=scale,
@@ -241,7 +241,8 @@ def _levels(
         if level is None:
             continue
         if level.level in levels:
-            warn(prim, "level", f"{level.level} is that of {levels[level.level].path} as well; it is left out")
+            other = levels[level.level].path.removesuffix(".file")
+            warn(prim, "level", f"{level.level} is that of {other} as well; it is left out")
             continue
         levels[level.level] = level
     return tuple(levels[number] for number in sorted(levels))
@@ -256,11 +257,9 @@ def _level(
     if number < 1:
         warn(prim, "level", f"is {number}, expected at least 1; it is left out")
         return None
-    path = str(prim.GetPath())
+    path = f"{prim.GetPath()}.file"
     if file := inputs.asset("file"):
         image = ImageSource(file, color_space=inputs.color_space(), wrap=("repeat", "repeat"))
         return UmbrellaLevelData(number, path, image=image)
     arrangement = read_level(prim, time, patches, color_blend)
-    if not len(arrangement):
-        return None
-    return UmbrellaLevelData(number, path, arrangement.grid, arrangement)
+    return UmbrellaLevelData(number, path, arrangement.grid, arrangement) if len(arrangement) else None

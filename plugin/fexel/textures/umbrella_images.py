@@ -53,13 +53,15 @@ class TwinImage:
     path : str
         Prim to name when the file cannot be read: its fallback then stands in.
     cache : PyramidCache
+    finer : float
+        By how many mip levels it is read finer than its texels call for.
     """
 
-    def __init__(self, source: ImageSource, path: str, cache: PyramidCache) -> None:
+    def __init__(self, source: ImageSource, path: str, cache: PyramidCache, finer: float = 0.0) -> None:
         facts = cache.facts(source, path)
         self._levels = _Levels(source, path, cache)
         self.wrap = facts.wrap
-        self.size = np.array(facts.size, np.float64)
+        self._size = np.array(facts.size) / 2.0**finer
         self.info = facts.info
         self.is_opaque = facts.info is not None and facts.info.alpha_channel < 0 and not source.mask
         """Whether no texel has an alpha below 1."""
@@ -83,10 +85,10 @@ class TwinImage:
         (M, 4) float64
             Linear, premultiplied.
         """
-        footprint = Footprint.of(jacobian * self.size[:, None])
+        footprint = Footprint.of(jacobian * self._size[:, None])
         lod = footprint.level(most_probes)
         probes = footprint.probes(most_probes)
-        axis = footprint.direction / self.size
+        axis = footprint.direction / self._size
         result = np.zeros((len(uv), 4))
         for number in range(int(probes.max(initial=1))):
             taken = np.flatnonzero(number < probes) if number else np.arange(len(uv))

@@ -11,7 +11,6 @@ Conventions: st runs right and up; M is a number of points; colours are linear a
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -19,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fexel import homography
-from fexel.errors import FexelWarning
 from fexel.textures.footprint import Footprint
 from fexel.textures.image_source import BIAS_ZERO, SCALE_ONE
 from fexel.textures.pinchmap_lattice import blocks
@@ -88,15 +86,8 @@ class UmbrellaTwin:
             images = self._images(level.arrangement, paths)
             return _Level(level.level, ArrangementTwin(level.arrangement, images), None)
         assert level.image is not None
-        with warnings.catch_warnings(record=True) as caught:
-            image = TwinImage(level.image, level.path, self._cache)
-        image.size /= 2.0**LEVEL_IMAGE_BIAS
-        if image.info is not None:
-            return _Level(level.level, None, image)
-        for warning in caught:
-            fault = str(warning.message).replace("inputs:file", "file").replace("inputs:fallback is shown", "left out")
-            warnings.warn(fault, FexelWarning, stacklevel=4)
-        return None
+        image = TwinImage(level.image, level.path, self._cache, finer=LEVEL_IMAGE_BIAS)
+        return None if image.info is None else _Level(level.level, None, image)
 
     @cached_property
     def wrap(self) -> tuple[str, str]:
