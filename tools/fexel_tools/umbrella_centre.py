@@ -25,7 +25,7 @@ _DIRECTIONS = 2048  # in which a repaired contour is looked at: steps of a third
 _COARSE_DIRECTIONS = 192
 _CANDIDATES = 160
 _KEPT_CLEARANCE = 0.5  # of the greatest clearance: what a centre nearer to where it is wanted keeps at least
-_OFF_CENTRE = 0.05  # share of the area that a centre may lose to be nearer to the centroid, at the radius of the area
+_PULL = 0.05
 _JUMP = 0.02  # of the radius: a step of it between two directions is an edge along the line of sight
 
 
@@ -89,37 +89,40 @@ def sees_all(center: NDArray[np.float64], polygon: NDArray[np.float64], least: f
     return bool((cross > least * np.hypot(*side.T)).all())
 
 
-def most_visible(polygon: NDArray[np.float64], wanted: NDArray[np.float64] | None, share: float) -> NDArray[np.float64]:
-    """The point that sees the most of a polygon.
+def most_visible(
+    polygon: NDArray[np.float64], wanted: NDArray[np.float64] | None = None, pull: float = _PULL
+) -> NDArray[np.float64]:
+    """The point that sees the most of a polygon, less what it lies away from where it is wanted.
 
     Parameters
     ----------
     polygon : (N, 2) float64
-    wanted : (2,) float64 or None
-        Taken if it sees at least `share` of what that point does.
-    share : float
+    wanted : (2,) float64, optional
+        Default: the centroid.
+    pull : float
+        Share of the area that a centre may lose to be nearer, at the radius of a disc of that area.
     """
-    middle, whole = centroid(polygon), abs(area(polygon))
-    candidates = _inside_points(polygon)
+    whole = abs(area(polygon))
     scale = np.sqrt(whole / np.pi)
+    aim = centroid(polygon) if wanted is None else wanted
 
     def worth(point: NDArray[np.float64]) -> float:
-        off = float(np.hypot(*(point - middle))) / scale
-        return _visible_area(polygon, point, _COARSE_DIRECTIONS) / whole - _OFF_CENTRE * off * off
+        if not _contains(polygon, point):
+            return -np.inf
+        off = float(np.hypot(*(point - aim))) / scale
+        return _visible_area(polygon, point, _COARSE_DIRECTIONS) / whole - pull * off * off
 
+    candidates = [*_inside_points(polygon), aim]
     worths = [worth(point) for point in candidates]
     best, most = candidates[int(np.argmax(worths))], max(worths)
     step = np.sqrt(whole / _CANDIDATES)
     while step > 0.01 * scale:
         trials = [best + step * np.array(offset) for offset in ((1, 0), (-1, 0), (0, 1), (0, -1))]
-        values = [worth(trial) if _contains(polygon, trial) else -1.0 for trial in trials]
+        values = [worth(trial) for trial in trials]
         if max(values) > most:
             best, most = trials[int(np.argmax(values))], max(values)
         else:
             step *= 0.5
-    if wanted is not None and _contains(polygon, wanted):
-        seen = _visible_area(polygon, wanted, _COARSE_DIRECTIONS)
-        return wanted if seen >= share * _visible_area(polygon, best, _COARSE_DIRECTIONS) else best
     return best
 
 

@@ -149,7 +149,8 @@ def find_elements(
         )
     found_kind, labels = segments
     far = np.where(labels > 0, np.float32(100), np.float32(0)) if ground is None else ground.distance
-    qualities = segment_qualities(labels, far)
+    noise = 0.0 if ground is None else ground.noise
+    qualities = segment_qualities(labels, far, noise=noise, factor=preview.factor)
     kept, dropped = choose_segments(found_kind, qualities, least_quality)
     cuts = [_cut(source, preview, labels, number + 1, qualities[number], ground is not None) for number in kept]
     elements = _named(source, cuts, [qualities[number] for number in kept])

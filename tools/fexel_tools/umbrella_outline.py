@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from fexel.errors import FexelError
 from fexel_tools.umbrella_centre import (
+    Clearance,
     centroid,
     clearance,
     kernel_point,
@@ -24,7 +25,10 @@ __all__ = ["Outline", "outline_of"]
 
 _RELATIVE_TOLERANCE = 0.005  # of the element's longer side
 _LEAST_CLEARANCE = 2e-3  # of the longer side: a centre nearer to the line through a side counts as not seeing it
-_HINT_SHARE, _VEINS_SHARE = 0.5, 0.9  # of the most that any point sees: what a wanted centre must see
+_NARROW_CLEARANCE = 0.05  # of the longer side: a smaller kernel may lie where a notch puts it, far from the middle
+_FAR = 0.5  # of the radius of a disc of the contour's area: that is far from where the centre is wanted
+_SMALL_LOSS = 5e-3  # of the area: what may be cut off to have a centre that is not far
+_HINT_PULL, _VEINS_PULL, _MIDDLE_PULL = 0.5, 0.15, 0.05  # see `umbrella_centre.most_visible`
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,23 +82,28 @@ def outline_of(
         raise FexelError(f"{element.path}: {element.name} has no area")
     size = float(np.ptp(curve, axis=0).max())
     tolerance = min(tolerance, _RELATIVE_TOLERANCE * size)
-    place, share = (None if isinstance(wanted, str) else wanted), _HINT_SHARE
+    place, pull = (None, _MIDDLE_PULL) if isinstance(wanted, str) else (wanted, _HINT_PULL)
     if isinstance(wanted, str) and wanted == "veins":
-        place, share = vein_convergence(element), _VEINS_SHARE
+        place, pull = vein_convergence(element), _VEINS_PULL
     contour = simplify(curve, most_vertices, tolerance)
-    found = clearance(contour.vertices) if is_simple(contour.vertices) else None
-    if found is not None and found.radius > _LEAST_CLEARANCE * size:
-        center = kernel_point(contour.vertices, centroid(contour.vertices) if place is None else place, found)
-        return Outline(contour.vertices, center, 0.0, contour.tolerance)
-    return _repaired(curve, place, share, most_vertices, tolerance)
+    found = clearance(contour.vertices) if is_simple(contour.vertices) else Clearance((0.0, 0.0), 0.0)
+    if found.radius <= _LEAST_CLEARANCE * size:
+        return _repaired(curve, place, pull, most_vertices, tolerance)
+    aim = centroid(contour.vertices) if place is None else place
+    whole = Outline(contour.vertices, kernel_point(contour.vertices, aim, found), 0.0, contour.tolerance)
+    far = _FAR * np.sqrt(area(contour.vertices) / np.pi)
+    if found.radius < _NARROW_CLEARANCE * size and np.hypot(*(whole.center - aim)) > far:
+        repaired = _repaired(curve, place, pull, most_vertices, tolerance)
+        return repaired if repaired.lost_area < _SMALL_LOSS else whole
+    return whole
 
 
 def _repaired(
-    curve: NDArray[np.float64], wanted: NDArray[np.float64] | None, share: float, most_vertices: int, tolerance: float
+    curve: NDArray[np.float64], wanted: NDArray[np.float64] | None, pull: float, most_vertices: int, tolerance: float
 ) -> Outline:
     """What the best centre sees."""
     whole = curve[thinned(curve)]
-    center = most_visible(whole, wanted, share)
+    center = most_visible(whole, wanted, pull)
     seen = visible_curve(whole, center)
     contour = _star(seen, center, most_vertices, tolerance)
     lost = max(1 - area(seen) / area(whole), 0.0)

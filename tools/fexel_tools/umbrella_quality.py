@@ -1,13 +1,13 @@
 """How sure one can be that a segment is one whole element.
 
-Quality is the product of five parts, each in [0, 1] and named by what is wrong where it is low.
+Quality is the product of parts, each in [0, 1]; the lowest names the reason.
 
-- ``clipped``: share of the rim that lies on the edge of the picture;
-- ``touching``: share of the rim that is a cut to another segment, not a rim against the ground;
-- ``faint``: contrast to the ground along the rim, CIELAB;
-- ``blurred``: how much of that contrast is reached within two pixels of the rim;
-- ``ragged``: solidity (area over that of the convex hull) of what the rim encloses, and how smooth the rim is;
-- ``too small``, ``too large``: area against the median of the photo.
+- how little of the rim lies on the edge of the picture;
+- how little of it is a cut to another segment rather than a rim against the ground;
+- contrast to the ground along the rim, CIELAB, and how much of it is reached within two pixels;
+- how plain the ground is: its noise against that contrast;
+- how smooth the outline is: its length after smoothing over before;
+- solidity (area over that of the convex hull) and area against the medians of the photo, and how many pixels it has.
 """
 
 from __future__ import annotations
@@ -23,6 +23,9 @@ __all__ = ["Quality", "segment_qualities"]
 _FULL_CONTRAST = 18.0  # CIELAB: from here on a rim is clear
 _SMALL = 0.2  # of the median area, from here on down nothing is left of the quality; full from three times that on
 _LARGE = 6.0
+_HOLLOW = 0.75  # solidity over the median, where nothing is left of the quality
+_FEW_PX, _ENOUGH_PX = 10.0, 28.0  # root of the area: nothing is left of the quality, all is
+_PLAIN, _BUSY = 0.06, 0.3  # noise of the ground over the contrast: all of the quality, nothing
 _RAGGED = 0.25  # length of the smoothed outline over that of the outline, where nothing is left of the quality
 
 
@@ -51,7 +54,9 @@ class Quality:
     on_edge: bool
 
 
-def segment_qualities(labels: NDArray[np.int32], distance: NDArray[np.float32]) -> list[Quality]:
+def segment_qualities(
+    labels: NDArray[np.int32], distance: NDArray[np.float32], *, noise: float = 0.0, factor: int = 1
+) -> list[Quality]:
     """Judge all segments of a photo.
 
     Parameters
@@ -60,6 +65,10 @@ def segment_qualities(labels: NDArray[np.int32], distance: NDArray[np.float32]) 
         1 to n.
     distance : (h, w) float32
         CIELAB, of each pixel from the ground.
+    noise : float
+        Standard deviation of the ground, CIELAB.
+    factor : int
+        Pixels of the photo on a side of one of `labels`.
 
     Returns
     -------
@@ -70,8 +79,17 @@ def segment_qualities(labels: NDArray[np.int32], distance: NDArray[np.float32]) 
     boxes = _boxes(labels, count)
     areas = np.bincount(labels.ravel(), minlength=count + 1)[1:]
     typical = float(np.median(areas)) if count else 1.0
+    solidities = [_solidity(labels[_slices(box)] == number + 1) for number, box in enumerate(boxes)]
+    usual = float(np.median(solidities)) if count >= 3 else 0.0
     return [
-        _quality(labels, distance, number + 1, box, int(area), typical if count >= 3 else float(area))
+        _quality(
+            _Segment(number + 1, box, int(area), solidities[number] / max(usual, solidities[number])),
+            labels,
+            distance,
+            typical if count >= 3 else float(area),
+            noise,
+            factor,
+        )
         for number, (box, area) in enumerate(zip(boxes, areas, strict=True))
     ]
 
@@ -87,25 +105,33 @@ def _boxes(labels: NDArray[np.int32], count: int) -> list[tuple[int, int, int, i
     return [tuple(int(v) for v in box) for box in boxes[1:]]
 
 
+@dataclass(frozen=True)
+class _Segment:
+    """Its label, box and area; and its solidity over the photo's median where that is more."""
+
+    number: int
+    box: tuple[int, int, int, int]
+    area: int
+    solid: float
+
+
 def _quality(
+    segment: _Segment,
     labels: NDArray[np.int32],
     distance: NDArray[np.float32],
-    number: int,
-    box: tuple[int, int, int, int],
-    area: int,
     typical: float,
+    noise: float,
+    factor: int,
 ) -> Quality:
+    number, box, area = segment.number, segment.box, segment.area
     height, width = labels.shape
     rows, columns = slice(max(box[1] - 4, 0), box[3] + 4), slice(max(box[0] - 4, 0), box[2] + 4)
     own = labels[rows, columns] == number
     other = (labels[rows, columns] > 0) & ~own
     rim = _rim(own)
-    edge = np.zeros_like(own)
-    edge[0 if box[1] == 0 else slice(0, 0)] = True
-    edge[-1 if box[3] == height else slice(0, 0)] = True
-    edge[:, 0 if box[0] == 0 else slice(0, 0)] = True
-    edge[:, -1 if box[2] == width else slice(0, 0)] = True
-    on_edge = float((rim & edge).sum() / rim.sum())
+    y, x = np.nonzero(rim)
+    y, x = y + rows.start, x + columns.start
+    on_edge = float(((y == 0) | (y == height - 1) | (x == 0) | (x == width - 1)).mean())
     cuts = float((rim & _grown(other, 1)).sum() / rim.sum())
     inner, outer = _contrast(own, other, distance[rows, columns])
     parts = {
@@ -113,11 +139,24 @@ def _quality(
         "touches its neighbours": 1 - min(max(cuts - 0.1, 0) * 1.25, 1),
         "hardly differs from the ground": min(inner / _FULL_CONTRAST, 1),
         "its rim is blurred": min(max(inner - outer, 0) / max(0.5 * inner, 1e-6), 1),
+        "the ground around it is not plain": 1 - _ramp(noise / max(inner, 1e-6), _PLAIN, _BUSY),
         "its outline is ragged": _smoothness(own),
+        "its outline is not like the others'": _ramp(segment.solid, _HOLLOW, 0.97),
+        "it has few pixels": _ramp(factor * np.sqrt(area), _FEW_PX, _ENOUGH_PX),
         "much smaller than the others": _ramp(area / typical, _SMALL, 3 * _SMALL),
         "much larger than the others": _ramp(typical / area, 1 / _LARGE, 2 / _LARGE),
     }
     return Quality(float(np.prod(list(parts.values()))), min(parts, key=parts.__getitem__), box, area, on_edge > 0)
+
+
+def _slices(box: tuple[int, int, int, int]) -> tuple[slice, slice]:
+    return slice(box[1], box[3]), slice(box[0], box[2])
+
+
+def _solidity(own: NDArray[np.bool_]) -> float:
+    hull = cv2.convexHull(np.argwhere(own)[:, ::-1].astype(np.int32))
+    filled = cv2.fillConvexPoly(np.zeros(own.shape, np.uint8), hull, 1)
+    return float(own.sum() / max(filled.sum(), 1))
 
 
 def _ramp(value: float, low: float, high: float) -> float:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 __all__ = ["components", "fill_holes", "fill_secluded", "split_touching", "without_specks"]
 
-_NECK = 0.62  # distance where two basins meet, over that at the lower maximum: above, they are one element
+_NECK = 0.7  # distance where two basins meet, over that at the lower maximum: above, they are one element
 _SECLUDED = 3.5
 _SMOOTH = 0.04  # of the largest distance: so much it is smoothed, so that serrated rims make no maxima
 
@@ -98,9 +98,11 @@ def split_touching(labels: NDArray[np.int32]) -> NDArray[np.int32]:
 
 
 def _distance(labels: NDArray[np.int32]) -> NDArray[np.float32]:
-    """Pixels to the nearest of label 0; what lies past the edge of the picture counts as such."""
-    inside = np.pad((labels > 0).astype(np.uint8), 1)
-    return cv2.distanceTransform(inside, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[1:-1, 1:-1]
+    """Pixels to the nearest of label 0; elements are thought to go on past the edge of the picture."""
+    inside = (labels > 0).astype(np.uint8)
+    if inside.all():
+        return np.full(labels.shape, max(labels.shape), np.float32)
+    return cv2.distanceTransform(inside, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
 
 
 @numba.njit(cache=True, nogil=True)

@@ -20,7 +20,8 @@ __all__ = ["vein_convergence"]
 _SIDE = 192  # pixels of the longer side at which veins are looked for
 _RIM = 0.03  # of the longer side: so far from the contour nothing is looked at, since the contour is a line as well
 _SPREAD = 0.03  # of the longer side: distance from a line at which its vote has halved
-_MOST_LINES = 4000
+_MOST_LINES = 1500
+_MOST_CANDIDATES = 600
 
 
 def vein_convergence(element: Element) -> NDArray[np.float64] | None:
@@ -47,7 +48,7 @@ def vein_convergence(element: Element) -> NDArray[np.float64] | None:
     if len(weight) < 8:
         return None
     rows, columns = np.nonzero(mask)
-    step = max(len(rows) // 1500, 1)
+    step = max(len(rows) // _MOST_CANDIDATES, 1)
     candidates = np.stack([columns, rows], axis=1)[::step] + 0.5
     best = candidates[int(np.argmax(_votes(candidates, position, normal, weight, _SPREAD * side)))]
     for spread in (_SPREAD, _SPREAD / 2):
