@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import pytest
-from pxr import Gf
+from pxr import Gf, Usd
 
 import fexel
+from fexel.textures.umbrella import DIGEST_KEY, extract, level_digest
 
 SQUARE = [(0.5, 0.5), (0, 0), (1, 0), (1, 1), (0, 1)]
 IDENTITY = Gf.Matrix3d(1)
@@ -83,3 +84,56 @@ def test_empty_umbrella_is_no_fault(lawn):
     lawn.umbrella.CreatePatchIndicesAttr([])
     lawn.umbrella.CreateMatricesAttr([])
     assert lawn.findings() == []
+
+
+# Shapes, morphs and levels that are mended or left out
+
+
+def test_clockwise_contour_is_a_warning(lawn):
+    backward = [SQUARE[0], *SQUARE[:0:-1]]
+    lawn.leaf.CreatePointsAttr(backward)
+    finding = lawn.the_only("fexel:UmbrellaArrays")
+    assert finding.severity == "warning"
+    assert "points: contour runs clockwise, expected counter-clockwise" in finding.message
+
+
+def test_centre_outside_of_its_contour_is_a_warning(lawn):
+    lawn.leaf.CreatePointsAttr([(0.5, 3), *SQUARE[1:]])
+    finding = lawn.the_only("fexel:UmbrellaArrays")
+    assert finding.severity == "warning"
+    assert "points: the centre does not see the whole contour" in finding.message
+
+
+def test_morph_that_folds_is_a_warning_at_base_and_texture(lawn):
+    folded = list(SQUARE)
+    folded[2:4] = SQUARE[3], SQUARE[2]
+    lawn.leaf.CreateMorphPointsAttr(folded)
+    assert "morphPoints: a sector folds at a morph of 0.5" in lawn.the_only("fexel:UmbrellaArrays").message
+    lawn.umbrella.CreateMorphsAttr([0.25, 0.75])
+    found = lawn.found("fexel:UmbrellaArrays")
+    assert {finding.severity for finding in found} == {"warning"}
+    assert any("morphs: entry 1 is 0.75, which folds its base, expected at most 0.5" in f.message for f in found)
+
+
+def test_morph_out_of_range_is_an_error(lawn):
+    lawn.umbrella.CreateMorphsAttr([0.25, 1.5])
+    finding = lawn.the_only("fexel:UmbrellaArrays")
+    assert finding.severity == "error"
+    assert "morphs: entry 1 is 1.5, expected 0 to 1" in finding.message
+
+
+@pytest.mark.parametrize(("prim", "count"), [("umbrella", 10), ("level", 5)])
+def test_colours_that_are_not_finite_are_found(lawn, prim, count):
+    getattr(lawn, prim).CreateColorsAttr([(float("inf"), 0, 0)] + [(0, 0, 0)] * (count - 1))
+    assert "colors: holds values that are not finite" in lawn.the_only("fexel:UmbrellaArrays").message
+
+
+def test_level_of_another_arrangement_is_a_warning(lawn):
+    data = extract(lawn.umbrella.GetPrim(), Usd.TimeCode.Default())
+    lawn.level.GetPrim().SetCustomDataByKey(DIGEST_KEY, level_digest(data))
+    assert lawn.findings() == []
+    lawn.umbrella.CreateShadowStrengthAttr(0.5)
+    finding = lawn.the_only("fexel:UmbrellaArrays")
+    assert finding.severity == "warning"
+    assert finding.path == str(lawn.level.GetPath())
+    assert "made from another arrangement than its texture has now" in finding.message

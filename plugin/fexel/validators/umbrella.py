@@ -1,7 +1,8 @@
-"""Arrays of umbrellas: one entry per modified umbrella, one per vertex, and indices that exist."""
+"""Arrays of umbrellas: lengths that go together, indices that exist, shapes that can be drawn, fresh levels."""
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator
 
 import numpy as np
@@ -9,12 +10,15 @@ from pxr import Usd
 
 from fexel.schema.umbrella import UmbrellaLevel, UmbrellaPatch, UmbrellaTexture
 from fexel.schema.wrapper import is_a
+from fexel.textures.umbrella import DIGEST_KEY, extract, level_digest
+from fexel.textures.umbrella_geometry import fold_weight, is_star_shaped, signed_area
+from fexel.textures.umbrella_patch import MIN_VERTICES, turned_contour
 from fexel.validators.fault import Fault
 from fexel.validators.prim_validator import PrimValidator
 
 __all__ = ["VALIDATORS", "check_umbrella_arrays"]
 
-_MIN_VERTICES = 4  # a centre and a triangle around it
+_NOW = Usd.TimeCode.EarliestTime()
 
 
 def check_umbrella_arrays(prim: Usd.Prim) -> Iterator[Fault]:
@@ -28,7 +32,7 @@ def check_umbrella_arrays(prim: Usd.Prim) -> Iterator[Fault]:
 
 
 def _array(attribute: Usd.Attribute) -> np.ndarray:
-    value = attribute.Get(Usd.TimeCode.EarliestTime()) if attribute else None
+    value = attribute.Get(_NOW) if attribute else None
     return np.array(value if value is not None else [])
 
 
@@ -43,20 +47,71 @@ def _check_texture(umbrella: UmbrellaTexture) -> Iterator[Fault]:
         vertices = np.array([len(_array(patch.GetPointsAttr())) for patch in patches], dtype=int)
         total = int(vertices[indices].sum()) if len(indices) else 0
         yield from _check_length(umbrella.GetColorsAttr(), total, "vertices of all umbrellas", may_be_empty=True)
+        yield from _check_morphs(umbrella, indices)
+    yield from _check_finite(umbrella.GetColorsAttr(), "colours")
     yield from _check_grid(umbrella.GetGridAttr())
 
 
 def _check_patch(patch: UmbrellaPatch) -> Iterator[Fault]:
     count = len(_array(patch.GetPointsAttr()))
-    if count < _MIN_VERTICES:
-        message = f"{count} points, expected a centre and at least {_MIN_VERTICES - 1} contour vertices"
+    if count < MIN_VERTICES:
+        message = f"{count} points, expected a centre and at least {MIN_VERTICES - 1} contour vertices"
         yield Fault(patch.GetPointsAttr().GetPath(), message)
     has_file = bool(patch.GetFileAttr().Get() and patch.GetFileAttr().Get().path)
     yield from _check_length(patch.GetTexCoordsAttr(), count, "points", may_be_empty=not has_file)
     yield from _check_length(patch.GetMorphPointsAttr(), count, "points", may_be_empty=True)
+    finite = True
     for attribute in (patch.GetPointsAttr(), patch.GetTexCoordsAttr(), patch.GetMorphPointsAttr()):
-        if not np.isfinite(_array(attribute).astype(float)).all():
-            yield Fault(attribute.GetPath(), "holds values that are not finite, expected finite coordinates")
+        finite &= yield from _check_finite(attribute, "coordinates")
+    if finite and count >= MIN_VERTICES:
+        yield from _check_contour(patch)
+
+
+def _check_contour(patch: UmbrellaPatch) -> Iterator[Fault]:
+    """What is mended or drawn in part: a warning."""
+    points = _outline(patch.GetPointsAttr())
+    if signed_area(points[1:]) < 0:
+        message = "contour runs clockwise, expected counter-clockwise; it is turned"
+        yield Fault(patch.GetPointsAttr().GetPath(), message, is_error=False)
+    if not is_star_shaped(_forward(points)):
+        message = "the centre does not see the whole contour, expected a star-shaped one; it is drawn in part"
+        yield Fault(patch.GetPointsAttr().GetPath(), message, is_error=False)
+    weight = _fold_weight(patch)
+    if weight < 1:
+        message = f"a sector folds at a morph of {weight:g}, expected none up to 1"
+        yield Fault(patch.GetMorphPointsAttr().GetPath(), message, is_error=False)
+
+
+def _outline(attribute: Usd.Attribute) -> np.ndarray:
+    return _array(attribute).astype(float).reshape(-1, 2)
+
+
+def _forward(points: np.ndarray) -> np.ndarray:
+    return turned_contour(points) if signed_area(points[1:]) < 0 else points
+
+
+def _fold_weight(patch: UmbrellaPatch) -> float:
+    """Largest morph of a patch that does not fold; 1 where nothing tells."""
+    points, morph_points = _outline(patch.GetPointsAttr()), _outline(patch.GetMorphPointsAttr())
+    if len(points) != len(morph_points) or not np.isfinite([points, morph_points]).all():
+        return 1.0
+    turned = signed_area(points[1:]) < 0
+    return fold_weight(*((turned_contour(p) if turned else p) for p in (points, morph_points)))
+
+
+def _check_morphs(umbrella: UmbrellaTexture, indices: np.ndarray) -> Iterator[Fault]:
+    """Morphs in [0, 1] that fold no sector."""
+    morphs = _array(umbrella.GetMorphsAttr()).astype(float)
+    if not len(morphs) or len(morphs) != len(indices):
+        return
+    path = umbrella.GetMorphsAttr().GetPath()
+    outside = ~((morphs >= 0) & (morphs <= 1))
+    for entry in np.flatnonzero(outside)[:1]:
+        yield Fault(path, f"entry {entry} is {morphs[entry]:g}, expected 0 to 1")
+    most = np.array([_fold_weight(patch) for patch in umbrella.GetPatches()])[indices]
+    for entry in np.flatnonzero(~outside & (morphs > most))[:1]:
+        message = f"entry {entry} is {morphs[entry]:g}, which folds its base, expected at most {most[entry]:g}"
+        yield Fault(path, message, is_error=False)
 
 
 def _check_level(level: UmbrellaLevel) -> Iterator[Fault]:
@@ -69,15 +124,39 @@ def _check_level(level: UmbrellaLevel) -> Iterator[Fault]:
     yield from _check_length(level.GetPointsAttr(), total, "the sum of vertexCounts")
     yield from _check_length(level.GetColorsAttr(), total, "the sum of vertexCounts", may_be_empty=True)
     yield from _check_matrices(level.GetMatricesAttr())
+    for attribute, what in ((level.GetPointsAttr(), "coordinates"), (level.GetColorsAttr(), "colours")):
+        yield from _check_finite(attribute, what)
     parent = UmbrellaTexture(level.GetPrim().GetParent())
     yield from _check_indices(level.GetPatchIndicesAttr(), -1, len(parent.GetPatches()) if parent else 0)
     yield from _check_grid(level.GetGridAttr())
+    yield from _check_fresh(level.GetPrim(), parent)
+
+
+def _check_fresh(prim: Usd.Prim, parent: UmbrellaTexture) -> Iterator[Fault]:
+    """Whether a level was made from what its texture is now."""
+    made_from = prim.GetCustomDataByKey(DIGEST_KEY)
+    if not made_from or not parent:
+        return
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # faults of the texture are found at the texture
+        now = level_digest(extract(parent.GetPrim(), _NOW))
+    if made_from != now:
+        message = f"{DIGEST_KEY}: made from another arrangement than its texture has now, it is not shown"
+        yield Fault(prim.GetPath(), f"{message}; make the levels again or delete the prim", is_error=False)
 
 
 def _check_length(attribute: Usd.Attribute, expected: int, of: str, may_be_empty: bool = False) -> Iterator[Fault]:
     found = len(_array(attribute))
     if found != expected and not (may_be_empty and found == 0):
         yield Fault(attribute.GetPath(), f"{found} entries, expected {expected}, as many as {of}")
+
+
+def _check_finite(attribute: Usd.Attribute, what: str) -> Iterator[Fault]:
+    """Yields at most one fault; returns whether all values are finite."""
+    finite = bool(np.isfinite(_array(attribute).astype(float)).all())
+    if not finite:
+        yield Fault(attribute.GetPath(), f"holds values that are not finite, expected finite {what}")
+    return finite
 
 
 def _check_indices(attribute: Usd.Attribute, low: int, count: int) -> Iterator[Fault]:
