@@ -54,8 +54,8 @@ def choose_background(
     Parameters
     ----------
     wanted : str or 4 floats
-        An image, a colour, ``none`` (transparent), or ``auto``: the ground of the photos where they show any, else the
-        elements' mean colour, in the shade.
+        An image, a colour, ``none`` (transparent), or ``auto``: the ground that photos of many elements show; else the
+        elements' mean colour, in the shade, since a single object lies on whatever it was photographed on.
     sources : sequence of Elements
     grid : (int, int)
     is_data : bool
@@ -72,7 +72,7 @@ def choose_background(
         return Background(None, (0.0, 0.0, 0.0, 0.0))
     if wanted != AUTO:
         return _of_image(_read(wanted, is_data), grid)
-    grounds = [source for source in sources if source.ground is not None]
+    grounds = [source for source in sources if source.kind == "many" and source.ground is not None]
     patches = [source.ground_patch for source in grounds if source.ground_patch is not None]
     if patches:
         return _of_image(max(patches, key=lambda patch: patch.shape[0] * patch.shape[1]), grid)

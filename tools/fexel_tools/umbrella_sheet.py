@@ -24,6 +24,7 @@ from fexel_tools.umbrella_raster import rasterize
 __all__ = ["SheetInput", "write_sheet"]
 
 _MOST_BASES = 10
+_SAMPLES = 4  # per axis and pixel
 _PANEL_PX = 168
 _ARRANGEMENT_PX = 900
 _MARGIN = 0.08  # of a panel
@@ -108,7 +109,7 @@ def _panel(shown: SheetInput, number: int, row: int) -> NDArray[np.uint8]:
         shadow_strength=0.0,
         grid=(1, 1),
     )
-    picture = rasterize(one, shown.textures, _PAPER_LINEAR, (_PANEL_PX, _PANEL_PX))
+    picture = rasterize(one, shown.textures, _PAPER_LINEAR, (_PANEL_PX, _PANEL_PX), supersample=_SAMPLES)
     panel = _displayed(picture, shown.is_data)
     if row == 0:
         _draw_outline(panel, one.vertices)
@@ -146,7 +147,8 @@ def _arranged(shown: SheetInput) -> NDArray[np.uint8]:
     columns, rows = shown.arrangement.grid
     scale = _ARRANGEMENT_PX / max(columns, rows)
     size = (max(1, round(columns * scale)), max(1, round(rows * scale)))
-    picture = _displayed(rasterize(shown.arrangement, shown.textures, shown.background, size), shown.is_data)
+    drawn = rasterize(shown.arrangement, shown.textures, shown.background, size, supersample=_SAMPLES)
+    picture = _displayed(drawn, shown.is_data)
     counts = np.diff(build_cells(shown.arrangement, (columns, rows), cull=False).first).reshape(rows, columns)
     heat = cv2.resize(counts[::-1].astype(np.float32), size, interpolation=cv2.INTER_NEAREST)
     heat = np.rint(255 * heat / max(int(counts.max()), 1)).astype(np.uint8)

@@ -40,8 +40,8 @@ def _umbrella(
         typer.Option(
             "--background",
             metavar="FILE|#rrggbb|none",
-            help="Image, colour (sRGB), or none: transparent; default: the photo's ground, else the elements' mean "
-            "colour in the shade.",
+            help="Image, colour (sRGB), or none: transparent; default: the ground in a photo of many, else the "
+            "elements' mean colour in the shade.",
             show_default=False,
         ),
     ] = "auto",
