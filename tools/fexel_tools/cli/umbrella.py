@@ -95,8 +95,12 @@ def _umbrella(
         ),
     ] = "random",
     order: Annotated[
-        str, typer.Option("--order", help="What lies in front: random, size (small ones) or given (rows of the table).")
-    ] = "random",
+        str,
+        typer.Option(
+            "--order",
+            help="In front: random, size (small ones), given (first rows); auto is given for a file, else random.",
+        ),
+    ] = "auto",
     size: Annotated[
         str, typer.Option("--size", metavar="LO:HI", help="Longer side of the largest element, cells of the grid.")
     ] = "1.2:2",
