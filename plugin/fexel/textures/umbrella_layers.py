@@ -24,24 +24,36 @@ _LARGEST_MARGIN = 0.5  # cells of the authored grid: lists reach no further, sof
 
 
 @dataclass(frozen=True, eq=False)
-class _Hit:
-    """What umbrellas show at points.
+class _Hits:
+    """Where points lie in umbrellas.
 
     Attributes
     ----------
+    umbrella, sector : (M,) int
+    axes : (M, 2, 2)
+        Derivative in patch space per pixel.
+    weights : (M, 3)
+        In the sector; the centre's is negative outside of the contour.
     alpha : (M,)
         Coverage of the contour alone.
-    weights : (M, 3)
-        In the sector, within the contour.
-    slopes : (M, 3, 2)
-        Derivatives of the unbounded weights per pixel.
-    vertices : 3 arrays (M,)
     """
 
-    alpha: NDArray[np.float64]
+    umbrella: NDArray[np.int32]
+    sector: NDArray[np.int64]
+    axes: NDArray[np.float64]
     weights: NDArray[np.float64]
-    slopes: NDArray[np.float64]
-    vertices: tuple[NDArray[np.int64], ...]
+    alpha: NDArray[np.float64]
+
+    def take(self, which: NDArray[np.int64]) -> _Hits:
+        """Some of them."""
+        arrays = (self.umbrella, self.sector, self.axes, self.weights, self.alpha)
+        return _Hits(*(array[which] for array in arrays))
+
+    @property
+    def within(self) -> NDArray[np.float64]:
+        """(M, 3) weights of the nearest point toward the centre that lies within the contour."""
+        beyond = np.maximum(self.weights[:, 1:].sum(axis=1, keepdims=True), 1.0)
+        return np.concatenate([np.maximum(self.weights[:, :1], 0.0), self.weights[:, 1:] / beyond], axis=1)
 
 
 class ArrangementTwin:
@@ -71,6 +83,7 @@ class ArrangementTwin:
 
     @cached_property
     def _inverses(self) -> NDArray[np.float64]:
+        """(n, 3, 3) st to patch space."""
         return np.linalg.inv(self.arrangement.matrices)
 
     @cached_property
@@ -94,8 +107,8 @@ class ArrangementTwin:
         return self._cells[margin]
 
     def sample(
-        self, st: NDArray[np.float64], axes: NDArray[np.float64], background: NDArray[np.float64], hard: bool
-    ) -> NDArray[np.float64]:
+        self, st: NDArray[np.float64], axes: NDArray[np.float64], hard: bool
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
         """Look up points.
 
         Parameters
@@ -104,15 +117,17 @@ class ArrangementTwin:
             In [0, 1]^2.
         axes : (M, 2, 2) float64
             d(st)/d(pixel).
-        background : (M, 4) float64
-            What lies behind, linear, premultiplied.
         hard : bool
             Edges are not softened.
 
         Returns
         -------
-        (M, 4) float64
-            Linear, premultiplied.
+        color : (M, 4) float64
+            Of the umbrellas, linear, premultiplied.
+        through : (M,) float64
+            How much of what lies behind is seen.
+        light : (M,) float64
+            That reaches it.
         """
         result, through, lit = np.zeros((len(st), 4)), np.ones(len(st)), np.ones(len(st))
         if len(self.arrangement):
@@ -125,8 +140,7 @@ class ArrangementTwin:
                 self._add(cells, entry[active], active, st, axes, hard, (result, through, lit))
                 entry[active] += 1
                 active = active[(entry[active] < end[active]) & (through[active] > 0)]
-        light = self._light(lit)[:, None]
-        return result + through[:, None] * background * np.concatenate([light, light, light, np.ones_like(light)], 1)
+        return result, through, self._light(lit)
 
     def _light(self, lit: NDArray[np.float64]) -> NDArray[np.float64]:
         """Share of light where `lit` of it is not in the shadow of another."""
@@ -146,92 +160,99 @@ class ArrangementTwin:
         result, through, lit = state
         flags = cells.flags[entry]
         which = np.flatnonzero(flags & VISIBLE)
-        at, umbrella = points[which], cells.umbrella[entry[which]]
-        color, alpha = self._seen(umbrella, st[at] + cells.shift[entry[which]], axes[at], hard)
-        share = (alpha * through[at])[:, None]
-        result[at] += share * np.concatenate([color * self._light(lit[at])[:, None], np.ones((len(at), 1))], axis=1)
+        at = points[which]
+        hits = self._hits(cells.umbrella[entry[which]], st[at] + cells.shift[entry[which]], axes[at], hard)
+        used = np.flatnonzero(hits.alpha > 0)
+        at, color, alpha = at[used], *self._seen(hits.take(used))
+        share = alpha * through[at]
+        result[at, :3] += (share * self._light(lit[at]))[:, None] * color
+        result[at, 3] += share
         through[at] *= 1.0 - alpha
         if self.arrangement.shadow_strength > 0:
             which = np.flatnonzero(flags & CASTS)
             at = points[which]
             place = st[at] + cells.shift[entry[which]] - self.arrangement.shadow_offset
-            lit[at] *= 1.0 - self._alpha(cells.umbrella[entry[which]], place, axes[at], hard)
+            hits = self._hits(cells.umbrella[entry[which]], place, axes[at], hard)
+            used = np.flatnonzero(hits.alpha > 0)
+            lit[at[used]] *= 1.0 - self._opacities(hits.take(used))
 
-    def _seen(
-        self, umbrella: NDArray[np.int32], st: NDArray[np.float64], axes: NDArray[np.float64], hard: bool
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Straight colours (M, 3) and alphas (M,) of umbrellas."""
-        hit = self._hit(umbrella, st, axes, hard)
-        color = np.zeros((len(umbrella), 3))
-        alpha = hit.alpha * self._coverages[umbrella]
-        used = np.flatnonzero(alpha > 0)
-        color[used], opacity = self._textured(umbrella[used], hit, used, alpha_only=False)
-        alpha[used] *= opacity
-        offsets = self.arrangement.colors
-        if len(offsets):
-            mixed = sum(hit.weights[used, k, None] * offsets[hit.vertices[k][used]] for k in range(3))
-            color[used] += self.arrangement.color_blend * mixed
-        color[used] = np.clip(color[used], 0.0, 1.0)
+    def _seen(self, hits: _Hits) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Straight colours (M, 3) and alphas (M,)."""
+        weights = hits.within
+        color, opacity = self._textured(hits, weights, np.ones(len(self._images), bool))
+        colors = self.arrangement.colors
+        if len(colors):
+            vertices = self._sectors.vertices_of(hits.umbrella, hits.sector)
+            mixed = sum(weights[:, k, None] * colors[vertices[k]] for k in range(3))
+            color += self.arrangement.color_blend * mixed
+        color = np.clip(color, 0.0, 1.0)
         if self._turns is not None:
-            vectors = np.einsum("nij,nj->ni", self._turns[umbrella[used]], 2.0 * color[used, :2] - 1.0)
-            color[used, :2] = 0.5 * (vectors + 1.0)
-        return color, alpha
+            vectors = np.einsum("nij,nj->ni", self._turns[hits.umbrella], 2.0 * color[:, :2] - 1.0)
+            color[:, :2] = 0.5 * (vectors + 1.0)
+        return color, hits.alpha * opacity * self._coverages[hits.umbrella]
 
-    def _alpha(
-        self, umbrella: NDArray[np.int32], st: NDArray[np.float64], axes: NDArray[np.float64], hard: bool
-    ) -> NDArray[np.float64]:
+    def _opacities(self, hits: _Hits) -> NDArray[np.float64]:
         """(M,) alphas alone."""
-        hit = self._hit(umbrella, st, axes, hard)
-        alpha = hit.alpha * self._coverages[umbrella]
-        used = np.flatnonzero(alpha > 0)
-        alpha[used] *= self._textured(umbrella[used], hit, used, alpha_only=True)[1]
-        return alpha
+        opacity = self._textured(hits, hits.within, ~self._opaque)[1]
+        return hits.alpha * opacity * self._coverages[hits.umbrella]
 
-    def _hit(self, umbrella: NDArray[np.int32], st: NDArray[np.float64], axes: NDArray[np.float64], hard: bool) -> _Hit:
-        point, slope = _mapped(self._inverses[umbrella], st, axes)
+    def _hits(
+        self, umbrella: NDArray[np.int32], st: NDArray[np.float64], axes: NDArray[np.float64], hard: bool
+    ) -> _Hits:
+        """Where points lie in umbrellas, and how much of a pixel those cover."""
+        point, axes = _mapped(self._inverses[umbrella], st, axes, self.arrangement.is_affine)
         sectors = self._sectors
         sector = sectors.find(umbrella, point)
         weights, drawn = sectors.barycentric(umbrella, sector, point)
-        area = np.where(drawn, sectors.areas[sector], 1.0)
-        begin, end = sectors.spokes[sector], sectors.spokes[sectors.following[sector]]
-        per_point = np.stack([end[:, 1], -end[:, 0], -begin[:, 1], begin[:, 0]], axis=1).reshape(-1, 2, 2)
-        per_pixel = per_point / area[:, None, None] @ slope  # of the weights of both contour vertices
-        slopes = np.concatenate([-per_pixel.sum(axis=1, keepdims=True), per_pixel], axis=1)
-        steepness = np.zeros(len(st)) if hard else np.hypot(slopes[:, 0, 0], slopes[:, 0, 1])
-        soft = np.clip(0.5 + weights[:, 0] / np.where(steepness > 0, steepness, 1.0), 0.0, 1.0)
-        alpha = np.where(steepness > 0, soft, weights[:, 0] >= 0) * drawn
-        # Beyond the contour, within half a pixel of it, the nearest point toward the centre is shown.
-        beyond = np.maximum(weights[:, 1] + weights[:, 2], 1.0)
-        weights = np.stack([np.maximum(weights[:, 0], 0.0), weights[:, 1] / beyond, weights[:, 2] / beyond], axis=1)
-        return _Hit(alpha, weights, slopes, sectors.vertices_of(umbrella, sector))
+        alpha = (weights[:, 0] >= 0).astype(np.float64)
+        if not hard:
+            across = sectors.spokes[sectors.following[sector]] - sectors.spokes[sector]
+            slope_x, slope_y = (across[:, 0] * axes[:, 1, k] - across[:, 1] * axes[:, 0, k] for k in (0, 1))
+            steepness = np.hypot(slope_x, slope_y)  # of the centre's weight times the sector's area
+            steep = steepness > 0
+            distance = weights[:, 0] * sectors.areas[sector] / np.where(steep, steepness, 1.0)
+            alpha = np.where(steep, np.clip(0.5 + distance, 0.0, 1.0), alpha)
+        return _Hits(umbrella, sector, axes, weights, alpha * drawn)
 
     def _textured(
-        self, umbrella: NDArray[np.int32], hit: _Hit, used: NDArray[np.int64], *, alpha_only: bool
+        self, hits: _Hits, weights: NDArray[np.float64], shapes: NDArray[np.bool_]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Straight colours and opacities of images at some of the hits; black and 1 without an image."""
-        color, opacity = np.zeros((len(used), 3)), np.ones(len(used))
-        shape_of = self.arrangement.shape_of[umbrella]
+        """Straight colours and opacities of the images of some shapes; black and 1 for all others."""
+        color, opacity = np.zeros((len(weights), 3)), np.ones(len(weights))
+        shape_of = self.arrangement.shape_of[hits.umbrella]
         for number, image in enumerate(self._images):
-            which = np.flatnonzero(shape_of == number) if image is not None else []
-            if image is None or not len(which) or (alpha_only and image.is_opaque):
+            which = np.flatnonzero(shape_of == number) if image is not None and shapes[number] else ()
+            if image is None or not len(which):
                 continue
-            at = used[which]
-            corners = np.stack([self._tex_coords[vertices[at]] for vertices in hit.vertices], axis=1)
-            uv = np.einsum("mk,mki->mi", hit.weights[at], corners)
-            axes = np.einsum("mki,mkj->mij", corners, hit.slopes[at])
+            some = hits.take(which)
+            vertices = self._sectors.vertices_of(some.umbrella, some.sector)
+            center, begin, end = (self._tex_coords[vertex] for vertex in vertices)
+            uv = sum(weights[which, k, None] * corner for k, corner in enumerate((center, begin, end)))
+            slopes = self._slopes(some)
+            axes = (begin - center)[:, :, None] * slopes[0][:, None] + (end - center)[:, :, None] * slopes[1][:, None]
             texel = image.sample(uv, axes)
             color[which] = texel[:, :3] / np.maximum(texel[:, 3:], 1e-6)  # 1e-6 guards what is nearly transparent
             opacity[which] = texel[:, 3]
         return color, opacity
 
+    def _slopes(self, hits: _Hits) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Derivatives (M, 2) per pixel of the weights of both contour vertices."""
+        begin, end = self._sectors.spokes[hits.sector], self._sectors.spokes[self._sectors.following[hits.sector]]
+        inverse = 1.0 / self._sectors.areas[hits.sector][:, None]
+        of_begin = (end[:, 1, None] * hits.axes[:, 0] - end[:, 0, None] * hits.axes[:, 1]) * inverse
+        of_end = (begin[:, 0, None] * hits.axes[:, 1] - begin[:, 1, None] * hits.axes[:, 0]) * inverse
+        return of_begin, of_end
+
 
 def _mapped(
-    matrix: NDArray[np.float64], st: NDArray[np.float64], axes: NDArray[np.float64]
+    matrix: NDArray[np.float64], st: NDArray[np.float64], axes: NDArray[np.float64], is_affine: bool
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Each point through its own matrix, with its Jacobian; at or behind infinity far away from all umbrellas."""
-    mapped = np.einsum("mi,mij->mj", st, matrix[:, :2]) + matrix[:, 2]
-    front = mapped[:, 2] > 0
-    w = np.where(front, mapped[:, 2], 1.0)[:, None]
-    point = np.where(front[:, None], mapped[:, :2] / w, 1e15)
-    linear = np.swapaxes(matrix[:, :2, :2], 1, 2) - point[:, :, None] * matrix[:, None, :2, 2]
-    return point, linear @ axes / w[:, :, None]
+    mapped = st[:, :1] * matrix[:, 0] + st[:, 1:] * matrix[:, 1] + matrix[:, 2]
+    slopes = matrix[:, 0, :, None] * axes[:, 0, None] + matrix[:, 1, :, None] * axes[:, 1, None]
+    if is_affine:
+        return mapped[:, :2], slopes[:, :2]
+    front = mapped[:, 2:] > 0
+    w = np.where(front, mapped[:, 2:], 1.0)
+    point = np.where(front, mapped[:, :2] / w, 1e15)
+    return point, (slopes[:, :2] - point[:, :, None] * slopes[:, 2:]) / w[:, :, None]

@@ -184,10 +184,14 @@ class UmbrellaTwin:
             taken = np.flatnonzero(number < probes)
             share = 1.0 / probes[taken]
             place = st[taken] + ((number + 0.5) * share - 0.5)[:, None] * footprint.direction[taken] / cells
-            background = self._background.sample(place, shorter[taken])
-            place, direction = self._wrapped(place)
-            part = level.umbrellas.sample(place, shorter[taken] * direction[:, :, None], background, hard)
-            result[taken] += share[:, None] * part
+            axes = shorter[taken]
+            inside, direction = self._wrapped(place)
+            color, through, light = level.umbrellas.sample(inside, axes * direction[:, :, None], hard)
+            seen = np.flatnonzero(through > 0)
+            behind = through[seen, None] * self._background.sample(place[seen], axes[seen])
+            behind[:, :3] *= light[seen, None]
+            color[seen] += behind
+            result[taken] += share[:, None] * color
         return result
 
     def _wrapped(self, st: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
