@@ -16,7 +16,8 @@ _SPECK = 1e-4  # of the photo's area: less is noise
 _LEAST_SPECK_PX = 9
 _MINOR = 0.1  # of the largest segment's area: a segment that counts when deciding whether a photo shows many
 _HOLE = 0.05  # of an element's area: a larger hole stays one
-_CROWD = 4  # parts of what touches the edge of the photo, from which on they are elements of their own
+_CROWD = 6  # parts of what hangs together, from which on they are elements of their own rather than lobes
+_CUT_CROWD = 4  # the same of what reaches three sides of the photo
 _FULL = 0.98  # of the photo: elements that cover more leave no ground to tell them by
 _ISLAND = 0.01  # of the largest: a smaller island of alpha is a speck
 
@@ -43,16 +44,18 @@ def find_segments(preview: Preview, ground: Ground | None, kind: str) -> tuple[s
 
 
 def _kind_of(labels: NDArray[np.int32]) -> str:
-    """``many`` where several segments are large, or one that reaches the edge of the photo falls into a crowd."""
+    """``many`` where several segments are large, or the only one falls into a crowd."""
     areas = np.bincount(labels.ravel())[1:]
     if np.count_nonzero(areas >= _MINOR * areas.max()) > 1:
         return "many"
     largest = labels == 1 + int(np.argmax(areas))
     sides = sum(bool(side.any()) for side in (largest[0], largest[-1], largest[:, 0], largest[:, -1]))
-    if sides < 3:
-        return "object"
     parts = np.bincount(split_touching(components(fill_secluded(largest))).ravel())[1:]
-    return "many" if np.count_nonzero(parts >= _MINOR * parts.max()) >= _CROWD else "object"
+    return (
+        "many"
+        if np.count_nonzero(parts >= _MINOR * parts.max()) >= (_CUT_CROWD if sides >= 3 else _CROWD)
+        else "object"
+    )
 
 
 def choose_segments(

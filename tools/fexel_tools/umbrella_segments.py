@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 __all__ = ["components", "fill_holes", "fill_secluded", "split_touching", "without_specks"]
 
-_NECK = 0.7  # distance where two basins meet, over that at the lower maximum: above, they are one element
+_NECK = 0.8  # distance where two basins meet, over that at the lower maximum: above, they are one element
 _SECLUDED = 3.5
 _SMOOTH = 0.04  # of the largest distance: so much it is smoothed, so that serrated rims make no maxima
 
