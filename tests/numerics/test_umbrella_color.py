@@ -116,6 +116,16 @@ def test_dark_parts_of_a_pattern_are_not_veiled(rng):
         assert offsets[0].max() < 0.2  # the rim, which grows lighter, takes the centre along a little
 
 
+def test_white_beside_a_colour_keeps_its_hue(rng):
+    """A slice of orange with a white core may turn green, the core not cyan."""
+    s, t = _texels()
+    core = np.hypot(s - 0.5, t - 0.5)[..., None] < 0.1
+    base = _base(np.where(core, 0.95, [0.9, 0.4, 0.03]))
+    offsets = color_sets(base, [_base([0.2, 0.5, 0.03])], 20, ColorOptions())
+    assert offsets[:, 1:, 0].min() < -0.4
+    assert np.ptp(np.clip(0.95 + offsets[:, 0], 0, 1), axis=1).max() < 0.4
+
+
 def test_colours_are_smooth_along_the_contour(rng):
     noisy = rng.random((SIDE, SIDE, 3))
     base = _base(_detail(rng, GREEN), _disk(64))

@@ -1,16 +1,13 @@
 """Colour diversification: signed offsets at the vertices of every modified umbrella (the paper's section 4.2).
 
-The colours come from references of the same kind: other bases, or photos given for that. What is transferred is low
-frequency: the mean colour around points along every spoke, in Oklab (Ottosson, A perceptual color space for image
-processing, 2020; by colour-science), from the point of the reference in the same direction and at the same share of the
-way to its contour, after the reference has been turned onto the base. Mean and spread become the reference's, partly
-with its own pattern, partly with the base's (after Reinhard et al., Color transfer between images, 2001); detail stays
-the base's. Each set of colours mixes two references.
+The colours come from references of the same kind: other bases, or photos given for that. What is transferred
+(`umbrella_transfer`) is low frequency: the mean colour around points along every spoke, from the point of the reference
+in the same direction and at the same share of the way to its contour, after the reference has been turned onto the
+base. Each set of colours mixes two references; detail stays the base's.
 
 An offset is what is to be added in linear light, so that the neighbourhood of a point has the wanted mean (notes U1:
 ``c = clamp(c_texture + f c_vertices)``). Since the offsets of a sector are interpolated linearly from its centre, they
 are fitted along the spokes by least squares, and limited where more than about a tenth of the texels would be clipped.
-Added light veils the contrast of what is dark, so that dark neighbourhoods do not grow much lighter either.
 
 Storage: umbrellas of a base share its sets, `ColorOptions.sets` at most; values are multiples of 1/256.
 """
@@ -28,22 +25,16 @@ from fexel.errors import FexelError
 from fexel_tools.umbrella_arrange import random_stream
 from fexel_tools.umbrella_base import BaseUmbrella
 from fexel_tools.umbrella_correspondence import Outline, best_turn
+from fexel_tools.umbrella_transfer import changed_means, mixtures, target_colors
 
 __all__ = ["ColorOptions", "color_offsets", "color_sets"]
 
 _SIDE = 64  # texels on the longer side of the image whose local means are taken
 _LOCAL = 0.06  # of that side: standard deviation of a neighbourhood
 _SHARES = np.array([0.15, 0.4, 0.65, 0.9])  # of the way from the centre to a vertex: where colours are compared
-_PATTERN = 0.7  # share of the reference's own pattern of colours; the rest is the base's, with the reference's spread
-_SPREAD = (0.5, 2.0)  # factor on the base's spread at most
-_BEYOND = 0.15  # how far a mixture may lie beyond its two references, as a share of their difference
-_LIGHTER = (
-    0.4  # of its Oklab lightness: a neighbourhood grows lighter by that at most, lest added light veil its detail
-)
 _SMOOTH = 0.03  # of the perimeter: standard deviation of the smoothing along the contour
 _TENTH = 1.28  # standard deviations beyond which a tenth of a normal distribution lies
 _KEPT = 0.25  # of the way to black or white that an offset may always go
-_OWN_SPREAD = 1.2  # standard deviations of its own colours that a lone base varies by
 _MOST_REFERENCES = 16  # per base, drawn by the seed
 _QUANTUM = 1.0 / 256.0
 
@@ -170,14 +161,10 @@ def _sets(
 ) -> NDArray[np.float32]:
     look, spokes = looks.of(base), _spokes(base.tex_coords[:1], base.tex_coords[1:])
     mean, deviation = _sampled(look.mean, spokes), _sampled(look.deviation, spokes)
-    own = _to_oklab(mean)
     if len(references) > _MOST_REFERENCES:
         references = [references[i] for i in rng.permutation(len(references))[:_MOST_REFERENCES]]
-    targets = [own] + [_transferred(own, _seen_from(base, other, looks)) for other in references]
-    if not references:
-        targets += _own_variation(own, look, spokes)
-    mixed = _mixtures(np.stack(targets), count, rng)
-    wanted = _from_oklab(own + amount * _unveiled(own, mixed - own)) - mean
+    targets = target_colors(mean, deviation, [_seen_from(base, other, looks) for other in references])
+    wanted = changed_means(mean, deviation, mixtures(targets, count, rng), amount) - mean
     fitted = _along_spokes(wanted, Outline(base.points[1:] - base.points[0]))
     low, high = _limits(mean, deviation)
     return (np.rint(np.clip(fitted, low, high) / _QUANTUM) * _QUANTUM).astype(np.float32)
@@ -198,45 +185,13 @@ def _sampled(image: NDArray[np.float32], tex_coords: NDArray[np.float64]) -> NDA
 
 
 def _seen_from(base: BaseUmbrella, other: BaseUmbrella, looks: _Looks) -> NDArray[np.float64]:
-    """(V - 1, R, 3) Oklab of the other element at the points that correspond to the base's spokes."""
+    """(V - 1, R, 3) mean colours of the other element, linear, at the points that correspond to the base's spokes."""
     own, contour = (umbrella.points[1:] - umbrella.points[0] for umbrella in (base, other))
     turn = best_turn(own, contour)
     outline = Outline(contour)
     arcs = outline.arcs_towards(np.arctan2(own[:, 1], own[:, 0]) - turn)
     spokes = _spokes(other.tex_coords[:1], outline.at(arcs, other.tex_coords[1:]))
-    return _to_oklab(_sampled(looks.of(other).mean, spokes))
-
-
-def _transferred(own: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Mean and spread of the reference; its pattern, and in part the base's own."""
-    own_mean, other_mean = own.mean(axis=(0, 1)), other.mean(axis=(0, 1))
-    own_spread, other_spread = own.std(axis=(0, 1)), other.std(axis=(0, 1))
-    factor = np.clip(other_spread / np.maximum(own_spread, 1e-6), *_SPREAD)  # 1e-6: a base of one colour
-    return other_mean + _PATTERN * (other - other_mean) + (1.0 - _PATTERN) * factor * (own - own_mean)
-
-
-def _own_variation(own: NDArray[np.float64], look: _Look, spokes: NDArray[np.float64]) -> list[NDArray[np.float64]]:
-    """The base lighter, darker, redder ... by as much as it varies within, along its principal axes in Oklab."""
-    brighter = _to_oklab(_sampled(look.mean + look.deviation, spokes))
-    values = np.concatenate([own, brighter, 2.0 * own - brighter]).reshape(-1, 3)
-    variances, axes = np.linalg.eigh(np.cov(values, rowvar=False))
-    shifts = _OWN_SPREAD * np.sqrt(np.maximum(variances, 0.0))[:, None] * axes.T
-    return [own + sign * shift for shift in shifts for sign in (1.0, -1.0)]
-
-
-def _mixtures(targets: NDArray[np.float64], count: int, rng: np.random.Generator) -> NDArray[np.float64]:
-    """(count, ...) mixtures of two targets each, all pairs about as often."""
-    pairs = np.array([(i, j) for i in range(len(targets)) for j in range(i)] or [(0, 0)])
-    pairs = pairs[rng.permutation(len(pairs))][np.arange(count) % len(pairs)]
-    share = (1.0 + 2.0 * _BEYOND) * rng.random(count) - _BEYOND
-    first, second = targets[pairs[:, 0]], targets[pairs[:, 1]]
-    return first + share[:, None, None, None] * (second - first)
-
-
-def _unveiled(own: NDArray[np.float64], change: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Changes in Oklab, shortened where they lighten too much: dark parts of a pattern stay dark."""
-    most = _LIGHTER * np.maximum(own[..., :1], 0.0)
-    return change * np.minimum(1.0, most / np.maximum(change[..., :1], most + 1e-9))  # 1e-9: black stays black
+    return _sampled(looks.of(other).mean, spokes)
 
 
 def _along_spokes(wanted: NDArray[np.float64], outline: Outline) -> NDArray[np.float64]:
@@ -275,17 +230,3 @@ def _limits(mean: NDArray[np.float64], deviation: NDArray[np.float64]) -> tuple[
     low = -np.maximum(mean - _TENTH * deviation, _KEPT * mean)
     high = np.maximum(1.0 - mean - _TENTH * deviation, _KEPT * (1.0 - mean))
     return tuple(np.concatenate([limit[:, :1].mean(axis=0), limit[:, 1:].mean(axis=1)]) for limit in (low, high))
-
-
-def _to_oklab(rgb: NDArray[np.float64]) -> NDArray[np.float64]:
-    import colour  # takes a second to import; only where colours vary
-
-    return colour.XYZ_to_Oklab(rgb @ colour.RGB_COLOURSPACES["sRGB"].matrix_RGB_to_XYZ.T)
-
-
-def _from_oklab(lab: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Linear Rec.709, clipped to [0, 1]."""
-    import colour
-
-    to_rgb = np.linalg.inv(colour.RGB_COLOURSPACES["sRGB"].matrix_RGB_to_XYZ)
-    return np.clip(colour.Oklab_to_XYZ(lab) @ to_rgb.T, 0.0, 1.0)
