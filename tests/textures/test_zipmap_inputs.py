@@ -6,7 +6,7 @@ from pxr import Gf, Sdf, UsdGeom, UsdLux, UsdShade
 
 import fexel
 from bench.zipmap_stage import Patch, front_view, quad, render_texture, save, zipmap_stage, zipmap_texture
-from fexel import homography
+from fexel import homography, textures
 from fexel.errors import FexelWarning
 from fexel.textures import extract_texture
 from fexel.textures.system import TextureSystem
@@ -143,6 +143,16 @@ def test_fallback_has_neither_scale_nor_bias(gl, tmp_path, animated, missing, sc
     assert np.abs(frame[place] - [0.5, 0.25, 0.75, 1]).max() < 2e-3
 
 
+@pytest.fixture
+def without_umbrellas(monkeypatch):
+    """The renderer as it is without one of its kinds."""
+    monkeypatch.setattr(textures, "_KINDS", tuple(kind for kind in textures.kinds() if kind != "umbrella"))
+    textures._kind_of_type.cache_clear()
+    yield
+    textures._kind_of_type.cache_clear()
+
+
+@pytest.mark.usefixtures("without_umbrellas")
 def test_nested_kind_that_is_not_drawn_yet_is_said_once(gl, animated):
     stage, patch = animated
     patch.SetTypeName("UmbrellaTexture")
@@ -155,6 +165,7 @@ def test_nested_kind_that_is_not_drawn_yet_is_said_once(gl, animated):
     assert np.abs(shown - [1, 0, 0]).max() < 1e-3
 
 
+@pytest.mark.usefixtures("without_umbrellas")
 def test_root_kind_that_is_not_drawn_yet_is_said_and_its_fallback_shown(tmp_path, animated):
     stage, _ = animated
     lit_stage(stage, "emissiveColor", Sdf.ValueTypeNames.Color3f, "rgb").GetPrimAtPath("/Zipmap").SetTypeName(
