@@ -2,8 +2,9 @@
 
 Ours is what the renderer's shader shows of the stage: umbrellas with analytic edges and mip-mapped bases at 32, 16 and
 8 pixels a cell, the prefiltered level from there on. Beside it the float64 twin of the shader; the explicit texture of
-about eq. (3)'s resolution, mip-mapped, trilinear; and the paper's way, merged umbrellas, through the same shader.
-Errors are mean CIEDE2000 and the PSNR of sRGB-encoded values, over all views.
+about eq. (3)'s resolution, mip-mapped, trilinear; the paper's way, umbrellas merged by its section 5, and the same with
+visible hulls and fitted colours, both through the twin. Errors are mean CIEDE2000 and the PSNR of sRGB-encoded values,
+over all views.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import numpy as np
 
 from bench.color_error import ciede2000, encoded_psnr_db
 from bench.harness import Curve, Row, progress
-from bench.umbrella_setting import Ground, fall_leaves_ground, real_leaves
+from bench.umbrella_setting import Ground, fall_leaves_ground, merged_leaves_ground, real_leaves
 from bench.umbrella_texture import picture
 from bench.umbrella_truth import turned_view
 from fexel.renderer.context import GLContext
@@ -31,7 +32,9 @@ _MEGABYTES = 0.55
 _PAPER = {8: "1.9", 4: "9.2", 2: "9.1", 1: "7.7"}
 _BEFORE = {32: "1.2", 16: "1.6", 8: "2.1", 4: "2.6", 2: "3.5", 1: "4.0"}
 _CENTERS = ((0.37, 0.58), (0.81, 0.13), (0.12, 0.93))
-_WAYS = ("renderer", "twin", "explicit texture, mip-mapped", "the paper's way")
+_OURS, _TWIN, _EXPLICIT = "renderer", "twin", "explicit texture, mip-mapped"
+_PAPERS, _FITTED = "the paper's way", "merged umbrellas, fitted"
+_PAPERS_K = 8  # umbrellas of a merged cell, as in its fig. 7
 _found: dict[str, dict[str, dict[int, tuple[float, float]]]] = {}
 
 Picture = Callable[[np.ndarray, tuple[int, int]], np.ndarray]
@@ -40,13 +43,13 @@ Picture = Callable[[np.ndarray, tuple[int, int]], np.ndarray]
 def rows(quick: bool) -> Iterator[Row]:
     """Errors by ground, footprint and way."""
     with tempfile.TemporaryDirectory() as name, GLContext() as gl:
-        for ground, paper in _grounds(Path(name)):
+        for ground, merged in _grounds(Path(name)):
             system = TextureSystem(gl)
-            ways = _ways(gl, system, ground, paper, quick)
+            ways = _ways(gl, system, ground, quick) | {way: _twin(other) for way, other in merged.items()}
             errors = {way: _errors(draw, ground, quick) for way, draw in ways.items()}
             _found[ground.name] = errors
             yield from _error_rows(ground, errors)
-            yield _bytes_row(ground, paper)
+            yield _bytes_row(ground, merged)
             system.release()
 
 
@@ -63,27 +66,26 @@ def curves(quick: bool) -> Iterator[Curve]:  # noqa: ARG001
                 y_label="CIEDE2000, mean, against 16 x 16 supersampling",
                 x_log=True,
                 y_log=True,
-                ours=way == _WAYS[0],
+                ours=way == _OURS,
             )
 
 
-def _grounds(folder: Path) -> Iterator[tuple[Ground, Ground | None]]:
-    """Each with the same umbrellas in the paper's way, where they are measured."""
-    yield fall_leaves_ground(folder / "leaves"), None
-    if (real := real_leaves(folder / "real")) is not None:
-        yield real, None
-
-
-def _ways(gl, system: TextureSystem, ground: Ground, paper: Ground | None, quick: bool) -> dict[str, Picture]:
-    def rendered(of: Ground) -> Picture:
-        return lambda view, size: picture(gl, of.texture, view, size, system)
-
-    ways = {
-        _WAYS[0]: rendered(ground),
-        _WAYS[1]: _twin(ground),
-        _WAYS[2]: ground.explicit(64 if quick else 128).picture,
+def _grounds(folder: Path) -> Iterator[tuple[Ground, dict[str, Ground]]]:
+    """Each with the same umbrellas merged in other ways, where those are measured."""
+    merged = {
+        _PAPERS: merged_leaves_ground(folder / "paper", "paper", _PAPERS_K),
+        _FITTED: merged_leaves_ground(folder / "fitted", "fitted", _PAPERS_K),
     }
-    return ways | ({_WAYS[3]: rendered(paper)} if paper else {})
+    yield fall_leaves_ground(folder / "leaves"), merged
+    if (real := real_leaves(folder / "real")) is not None:
+        yield real, {}
+
+
+def _ways(gl, system: TextureSystem, ground: Ground, quick: bool) -> dict[str, Picture]:
+    def rendered(view: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+        return picture(gl, ground.texture, view, size, system)
+
+    return {_OURS: rendered, _TWIN: _twin(ground), _EXPLICIT: ground.explicit(64 if quick else 128).picture}
 
 
 def _twin(ground: Ground) -> Picture:
@@ -118,38 +120,34 @@ def _views(ground: Ground, footprint: int, quick: bool) -> list[tuple[np.ndarray
 
 
 def _error_rows(ground: Ground, errors: dict) -> Iterator[Row]:
-    explicit = errors[_WAYS[2]]
     for footprint in _FOOTPRINTS:
-        limit = explicit[footprint][0]
-        target = min(_ASKED.get(footprint, limit), limit)
-        setting = f"{ground.name}, {footprint} pixels a cell"
-        for way in _WAYS[:2]:
-            error, psnr = errors[way][footprint]
-            known = [f"explicit {limit:.2f} ({explicit[footprint][1]:.1f} dB)"]
-            if _WAYS[3] in errors:
-                known.append("the paper's way {:.2f} ({:.1f} dB)".format(*errors[_WAYS[3]][footprint]))
-            before = f"beforehand: explicit {_BEFORE[footprint]}, the paper's way {_PAPER.get(footprint, '-')}"
-            yield Row(
-                measure=f"level-of-detail error, {way}",
-                setting=setting,
-                value=error,
-                unit="CIEDE2000, mean",
-                target=target,
-                comparison="<=",
-                reference=", ".join(known),
-                note=f"{psnr:.1f} dB; {before}",
-            )
+        limit = errors[_EXPLICIT][footprint][0]
+        others = [
+            f"{way} {e[footprint][0]:.2f} ({e[footprint][1]:.1f} dB)" for way, e in errors.items() if way != _OURS
+        ]
+        before = f"beforehand: explicit {_BEFORE[footprint]}, the paper's way {_PAPER.get(footprint, '-')}"
+        error, psnr = errors[_OURS][footprint]
+        yield Row(
+            measure="level-of-detail error",
+            setting=f"{ground.name}, {footprint} pixels a cell",
+            value=error,
+            unit="CIEDE2000, mean",
+            target=min(_ASKED.get(footprint, limit), limit),
+            comparison="<=",
+            reference=", ".join(others),
+            note=f"{psnr:.1f} dB; {before}",
+        )
 
 
-def _bytes_row(ground: Ground, paper: Ground | None) -> Row:
+def _bytes_row(ground: Ground, merged: dict[str, Ground]) -> Row:
+    levels = ", ".join(str(level.level) for level in ground.texture.data.levels)
     return Row(
-        measure="levels of detail",
+        measure="data of the levels of detail",
         setting=ground.name,
         value=ground.level_bytes / 1e6,
         unit="MB",
         target=_MEGABYTES,
         comparison="<=",
-        reference=f"the paper's way {paper.level_bytes / 1e6:.2f} MB" if paper else "",
-        note=f"{ground.level_file_bytes / 1e6:.2f} MB of files; levels "
-        + ", ".join(str(level.level) for level in ground.texture.data.levels),
+        reference=", ".join(f"{way} {other.level_bytes / 1e6:.2f} MB" for way, other in merged.items()),
+        note=f"{ground.level_file_bytes / 1e6:.2f} MB on disk; from level {levels} on",
     )

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from pxr import Usd
 
-from bench.fall_leaves import FallLeaves, fall_leaves
+from bench.fall_leaves import SIZES, fall_leaves
 from bench.umbrella_command import author, passiflora_scans
 from bench.umbrella_explicit import ExplicitTexture, explicit_texture
 from bench.umbrella_texture import umbrella_stage
@@ -23,11 +23,13 @@ from fexel.textures.umbrella import UmbrellaLevelData
 from fexel.textures.umbrella_arrangement import Arrangement
 from fexel.textures.umbrella_cells import cell_statistics
 from fexel_tools.umbrella_levels import image_level, write_level_image
+from fexel_tools.umbrella_merge import merged_levels
 from fexel_tools.umbrella_stage import LevelPrim
 
-__all__ = ["Ground", "fall_leaves_ground", "ground_of_stage", "real_leaves"]
+__all__ = ["Ground", "fall_leaves_ground", "ground_of_stage", "merged_leaves_ground", "real_leaves"]
 
 _WORD = 4  # bytes
+_VERTICES = 48  # of a base; matching contours with each other's adds some
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +96,20 @@ def fall_leaves_ground(folder: Path) -> Ground:
     write_level_image(file, image)
     level = LevelPrim(image.level, leaves.arrangement.grid, "", str(file))
     stage = umbrella_stage(folder / "ground.usdc", leaves.arrangement, leaves.background, [level])
-    return ground_of_stage(*stage, _name(leaves))
+    return ground_of_stage(*stage, "fall leaves")
+
+
+def merged_leaves_ground(folder: Path, method: str, k: int | None = None) -> Ground:
+    """The synthetic leaves with merged umbrellas for levels: ``paper`` as its section 5 has it, or ``fitted``.
+
+    `k` umbrellas a cell of a level; default: as `merged_levels` chooses.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    leaves = fall_leaves(folder / "leaves")
+    merged = merged_levels(leaves.arrangement, leaves.textures, leaves.soil, method=method, k=k)
+    prims = [LevelPrim(number, level.grid, "", "", level) for number, level in enumerate(merged, 1)]
+    stage = umbrella_stage(folder / "ground.usdc", leaves.arrangement, leaves.background, prims)
+    return ground_of_stage(*stage, "fall leaves, merged")
 
 
 def ground_of_stage(stage: Usd.Stage, prim: str, name: str) -> Ground:
@@ -103,25 +118,24 @@ def ground_of_stage(stage: Usd.Stage, prim: str, name: str) -> Ground:
     data = texture.data
     textures = tuple(_straight(shape.image) for shape in data.arrangement.shapes)
     background = _straight(data.background) if data.background.file else np.float32([[data.background.fallback[:3]]])
-    return Ground(name, texture, textures, background[..., :3])
+    return Ground(f"{name}: {_size_of(data.arrangement)}", texture, textures, background[..., :3])
 
 
 def real_leaves(folder: Path) -> Ground | None:
-    """Nine scans of leaves made into a ground by the command, with its defaults; None without the collection."""
+    """Nine scans of leaves made into a ground by the command, n, v and sizes about the paper's; None without."""
     scans = passiflora_scans()
     if not scans:
         return None
-    stage = Usd.Stage.Open(str(author(scans, folder).stage))
+    size = f"{SIZES[0]}:{SIZES[1]}"
+    stage = Usd.Stage.Open(str(author(scans, folder, "--size", size, "--vertices", str(_VERTICES)).stage))
     prim = next(prim for prim in stage.Traverse() if prim.GetTypeName() == "UmbrellaTexture")
-    arrangement = len(prim.GetAttribute("patchIndices").Get())
-    return ground_of_stage(stage, str(prim.GetPath()), f"passion flower leaves: b {len(scans)}, n {arrangement}")
+    return ground_of_stage(stage, str(prim.GetPath()), "passion flower leaves")
 
 
-def _name(leaves: FallLeaves) -> str:
-    arrangement = leaves.arrangement
+def _size_of(arrangement: Arrangement) -> str:
     width, height = arrangement.grid
-    vertices = len(arrangement.shapes[0].points)
-    return f"fall leaves: b {len(arrangement.shapes)}, v {vertices}, n {len(arrangement)}, grid {width} x {height}"
+    vertices = float(np.mean([len(shape.points) for shape in arrangement.shapes]))
+    return f"b {len(arrangement.shapes)}, v {vertices:.0f}, n {len(arrangement)}, grid {width} x {height}"
 
 
 def _straight(image: ImageSource | None) -> np.ndarray:

@@ -18,7 +18,7 @@ from fexel.textures.system import TextureSystem
 from fexel.textures.umbrella_arrangement import Arrangement
 from fexel_tools.umbrella_stage import LevelPrim, UmbrellaMap, create_stage, define_level
 
-__all__ = ["LowView", "low_view", "picture", "picture_low", "umbrella_stage", "umbrella_texture"]
+__all__ = ["LowView", "affine_view", "low_view", "picture", "picture_low", "umbrella_stage", "umbrella_texture"]
 
 _SPAN_CELLS = 400.0  # of the ground that flights look at
 
@@ -53,11 +53,15 @@ def picture(
 
     `pixel_to_st` (3, 3) as `bench.umbrella_truth.turned_view` gives it.
     """
+    return render_texture(gl, texture, *affine_view(pixel_to_st, size), system)
+
+
+def affine_view(pixel_to_st: np.ndarray, size: tuple[int, int]) -> tuple[Draw, View]:
+    """A quad that fills such a view."""
     width, height = size
     corners = np.array([[0, height], [width, height], [width, 0], [0, 0]]) @ pixel_to_st[:2, :2] + pixel_to_st[2, :2]
     draw = quad()
-    draw = replace(draw, mesh=replace(draw.mesh, st={"st": corners}))
-    return render_texture(gl, texture, draw, front_view((0, 0), (1, 1), width, height), system)
+    return replace(draw, mesh=replace(draw.mesh, st={"st": corners})), front_view((0, 0), (1, 1), width, height)
 
 
 @dataclass(frozen=True)
