@@ -22,6 +22,8 @@ _MARGIN = 1 / 64  # of the longer side
 _LEAST_MARGIN_PX = 2
 _RIM_PX = 2.0
 _OPAQUE = 0.9  # from here on a pixel counts as opaque
+_OWN_OPACITY = 0.98  # from here on the colour of a pixel is the element's own
+_LEAST_OPACITY = 1 / 16  # of a translucent pixel whose colour can be told
 _LEAST_HOLE = 2e-3  # of the contour's area: less of it being see-through is noise
 
 
@@ -70,16 +72,17 @@ def cut_texture(
     color, opacity = _window_of(element, window)
     depth = _depth(contour, window, element.opacity.shape[0])
     inside = depth > min(_RIM_PX, 0.5 * float(depth.max()))
-    trusted = inside & (opacity > 1 / 16)
-    color = bleed_color(color, trusted.astype(np.float32)) if trusted.any() else color
     see_through = inside & (opacity < _OPAQUE)
     see_through = cv2.morphologyEx(see_through.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
     has_alpha = np.count_nonzero(see_through) > max(_LEAST_HOLE * np.count_nonzero(depth > 0), 4)
-    alpha = np.ones_like(opacity)
+    trusted = inside & (opacity > (_LEAST_OPACITY if has_alpha else _OWN_OPACITY))
+    color = bleed_color(color, trusted.astype(np.float32)) if trusted.any() else color
+    alpha = opacity
     if has_alpha:
-        solid = np.where(opacity > 0.98, np.float32(1), opacity)
+        solid = np.where(opacity > _OWN_OPACITY, np.float32(1), opacity)
         alpha = bleed_color(np.repeat(solid[..., None], 3, axis=2), inside.astype(np.float32))[..., 0]
-    return np.dstack([_reduced(color, size), _reduced(alpha, size)]), bool(has_alpha)
+    alpha = _reduced(alpha, size) if has_alpha else np.ones(size[::-1], np.float32)
+    return np.dstack([_reduced(color, size), alpha]), bool(has_alpha)
 
 
 def _window_of(element: Element, window: Window) -> tuple[NDArray[np.float32], NDArray[np.float32]]:

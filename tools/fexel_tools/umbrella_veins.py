@@ -20,8 +20,8 @@ __all__ = ["vein_convergence"]
 _SIDE = 192  # pixels of the longer side at which veins are looked for
 _RIM = 0.03  # of the longer side: so far from the contour nothing is looked at, since the contour is a line as well
 _SPREAD = 0.03  # of the longer side: distance from a line at which its vote has halved
-_MOST_LINES = 1500
-_MOST_CANDIDATES = 600
+_MOST_LINES = 1000
+_MOST_CANDIDATES = 400
 
 
 def vein_convergence(element: Element) -> NDArray[np.float64] | None:
