@@ -5,7 +5,7 @@ struct UmbrellaLook {
     UmbrellaGrid grid;
     ivec2 wrap;
     ivec2 colorPage;
-    int colorRowBits;
+    int colorRowBits;        // 0 without colours
     float colorBlend;
     vec3 shadow;             // offset in cells, strength
     int images;              // record of the first base image
@@ -254,7 +254,7 @@ vec4 umbrella_compose(UmbrellaLook look, vec2 relative, vec2 base, vec2 dx, vec2
             vec4 colorB = umbrella_color(look, begin + at.vertices.y);
             vec3 offset = (1.0 - first.place.x - first.place.y) * center.rgb + first.place.x * colorA.rgb + first.place.y * colorB.rgb;
             vec3 varied = texel.rgb + look.colorBlend * texel.a * offset;
-            index = center.a + 2048.0 * colorA.a;
+            index = look.colorRowBits > 0 ? center.a + 2048.0 * colorA.a : index;
 #else
             vec3 varied = texel.rgb;
 #endif

@@ -18,6 +18,8 @@ struct UmbrellaGrid {
     vec2 cells;
 };
 
+#if UMBRELLA_DRAWN
+
 struct UmbrellaPlace {
     vec2 inside;         // of a cell, in [0, 1]^2
     vec2 dx;             // cells per pixel
@@ -139,7 +141,11 @@ UmbrellaHit umbrella_test(UmbrellaGrid grid, UmbrellaPatchPlace at, inout float 
     // A ramp of one pixel across the peripheral edge.
     float sum = hit.place.x + hit.place.y;
     float steepness = length(vec2(hit.slope.x + hit.slope.y, hit.slope.z + hit.slope.w));
-    float ramp = clamp((1.0 - sum) / max(steepness, 1e-30) + 0.5, 0.0, 1.0);  // 1e-30: where a pixel is a point
+    float ramp = (1.0 - sum) / max(steepness, 1e-30) + 0.5;  // 1e-30: where a pixel is a point
+    // Beyond a tip, where the edge runs along the ray from the centre, it ends a pixel further along that ray.
+    float pixels = length(vec2(umbrella_cross(at.point, at.dy), umbrella_cross(at.dx, at.point)));
+    float reach = pixels / max(abs(umbrella_cross(at.dx, at.dy)), 1e-30) * max(1.0 - 1.0 / max(sum, 1e-30), 0.0);
+    ramp = clamp(min(ramp, 1.0 - reach), 0.0, 1.0);
     // Rounding may put the point beside a spoke, not further: there no sector sees it from the centre.
     hit.coverage = found && area > 0.0 && min(hit.place.x, hit.place.y) >= -1e-5 ? ramp : 0.0;
 #if UMBRELLA_COVERAGES
@@ -148,3 +154,4 @@ UmbrellaHit umbrella_test(UmbrellaGrid grid, UmbrellaPatchPlace at, inout float 
     hit.place /= max(sum, 1.0);
     return hit;
 }
+#endif

@@ -137,7 +137,7 @@ def umbrella_record(
             [*rows[1], base[1]],
             [*cells, *(np.array(arrangement.grid) / cells)],
             origins,
-            [layout.bins, layout.slices, arrangement.color_blend, codes],
+            [layout.bins, layout.slices, arrangement.color_blend if bits[1] else 0.0, codes],
             [*(np.array(arrangement.shadow_offset) * cells), arrangement.shadow_strength, images.bases],
             [images.background, images.picture, images.texels, layout.stride],
             [*rows[2], 0.0],

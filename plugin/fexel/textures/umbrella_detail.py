@@ -27,7 +27,7 @@ class LevelView:
     Attributes
     ----------
     level : int
-        0 is the full one, which may be less where no levels are authored.
+        0 is the full one; where no levels are authored, one less than the picture's.
     arrangement : Arrangement
     until : float
         Log2 of the cells of the full arrangement per pixel up to which it is drawn.
@@ -91,7 +91,8 @@ def detail_of(data: UmbrellaData, low: float, high: float, usable: set[str]) -> 
         own = picture_level(data.arrangement)
         if len(numbered) > 1:
             own = max(own, numbered[-1].level + 1)
-        numbered[0] = replace(numbered[0], level=min(0, own - 1))
+        else:
+            numbered[0] = replace(numbered[0], level=own - 1)
         picture = PictureView(own, picture_source(data), 0, "")
     ends = [view.level for view in numbered[1:]] + [picture.level]
     starts = [float("-inf")] + [view.level for view in numbered[:-1]]

@@ -37,8 +37,9 @@ from fexel.textures.umbrella_texels import ArrangementSource, ArrangementTexels,
 
 __all__ = ["bind", "plan"]
 
-_FOOTPRINT_STEP = 1.0  # octaves from one margin of lists to the next
-_FINEST_FOOTPRINT = -7.0  # log2 of cells per pixel
+_SOFT = 0.7  # pixels beyond its contour that an umbrella is seen; at tips one, but hardly
+_FOOTPRINT_STEP = 0.5  # octaves from one margin of lists to the next
+_FINEST_FOOTPRINT = -8.0  # log2 of cells per pixel
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,15 +198,17 @@ def _drawn(data: UmbrellaData, view: LevelView, low: float, path: str, pool: Tex
     own_grid = np.log2(np.array(arrangement.grid) / data.arrangement.grid)
     until = view.until + own_grid.max()
     octave = max(np.ceil(until / _FOOTPRINT_STEP) * _FOOTPRINT_STEP, _FINEST_FOOTPRINT)
-    margin = 0.5 * min(2.0**octave, umbrella_cells(arrangement)) / np.array(arrangement.grid)
+    margin = _SOFT * min(2.0**octave, umbrella_cells(arrangement)) / np.array(arrangement.grid)
     colored = bool(arrangement.colors.any()) and arrangement.color_blend != 0
-    opaque = tuple(_is_opaque(shape.image, path, cache) for shape in arrangement.shapes)
+    paths = data.paths if arrangement is data.arrangement and data.paths else (path,) * len(arrangement.shapes)
+    opaque = tuple(
+        _is_opaque(shape.image, where, cache) for shape, where in zip(arrangement.shapes, paths, strict=True)
+    )
     source = ArrangementSource(
         arrangement, fine_size(arrangement), (float(margin[0]), float(margin[1])), opaque, colored
     )
     texels = _ask_whole(pool, pool.image(source, path, reader))
     colors = _ask_whole(pool, pool.image(ColorSource(arrangement), path, reader)) if colored else -1
-    paths = data.paths if view.level == 0 and data.paths else (path,) * len(arrangement.shapes)
     numbers = [
         pool.image(shape.image, where) for shape, where in zip(arrangement.shapes, paths, strict=True) if shape.image
     ]
