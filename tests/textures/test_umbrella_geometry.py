@@ -169,21 +169,6 @@ def test_morphed_sectors_are_those_of_the_shape_between(rng):
     assert (weights[:, 0] >= 0).tolist() == in_triangles(start + 0.25 * (end - start), points).tolist()
 
 
-@pytest.mark.parametrize("bins", [8, 64, 256])
-def test_table_gives_the_sector_at_the_beginning_of_each_bin(rng, bins):
-    sectors = Sectors(arrangement(*(star(rng, vertices) for vertices in (4, 30, 120))))
-    table = sectors.table(bins)
-    assert table.shape == (3, bins)
-    turn = (np.arange(bins) + 1e-6) * FULL_TURN / bins
-    ratio = turn % 2
-    up = np.stack([np.where(ratio < 1, 1 - ratio, 1 - ratio), np.where(ratio < 1, ratio, 2 - ratio)], 1)
-    direction = np.where((turn < 2)[:, None], up, -up)
-    assert np.allclose(pseudo_angle(direction), turn)
-    for number in range(3):
-        found = sectors.find(np.full(bins, number), sectors.centers[number] + direction) - sectors.first[number]
-        assert (found == table[number]).all()
-
-
 # Orientation and star shape
 
 

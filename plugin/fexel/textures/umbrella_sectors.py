@@ -24,6 +24,7 @@ from fexel.textures.umbrella_geometry import FLAT, FULL_TURN, cross, half_turn, 
 __all__ = ["Sectors"]
 
 _KEY = 2 * FULL_TURN  # from one umbrella to the next, so that all starts of sectors are one sorted array
+_LAST = 1e-9  # before a full turn: with the umbrella's key added, a float64 must not round up to it
 _NO_AREA = 1e-12  # of a sector, relative to the square of the umbrella's size: below it barycentrics are noise
 _BESIDE = -1e-6  # barycentric coordinate beside a spoke: rounding gives less, a point in no sector more
 
@@ -125,12 +126,9 @@ class Sectors:
         -------
         (M,) int64
         """
-        return self.at_angle(umbrella, pseudo_angle(point - self.centers[umbrella]))
-
-    def at_angle(self, umbrella: NDArray[np.integer], angle: NDArray[np.float64]) -> NDArray[np.int64]:
-        """The sector of each umbrella at a pseudo-angle (M,); (M,) int64."""
+        angle = pseudo_angle(point - self.centers[umbrella])
         relative = np.mod(angle - self.angles[self.first[umbrella]], FULL_TURN)
-        key = np.minimum(relative, np.nextafter(FULL_TURN, 0)) + _KEY * umbrella
+        key = np.minimum(relative, FULL_TURN - _LAST) + _KEY * umbrella
         return np.searchsorted(self.starts, key, side="right") - 1
 
     def barycentric(
@@ -167,18 +165,3 @@ class Sectors:
         """Numbers in `Arrangement.points` of the centre and the two contour vertices; (M,) each."""
         offset = umbrella + 1
         return self.arrangement.first_vertex[umbrella], sector + offset, self.following[sector] + offset
-
-    def table(self, bins: int = 64) -> NDArray[np.int32]:
-        """The sector at the beginning of each of so many equal parts of the full pseudo-angle.
-
-        A search begins there and steps on while the point lies beyond the spoke at the sector's end.
-
-        Returns
-        -------
-        (n, bins) int32
-            Counted within the umbrella.
-        """
-        umbrella = np.repeat(np.arange(len(self.arrangement)), bins)
-        angle = np.tile(np.arange(bins) * (FULL_TURN / bins), len(self.arrangement))
-        found = self.at_angle(umbrella, angle) - self.first[umbrella]
-        return found.astype(np.int32).reshape(-1, bins)
