@@ -11,7 +11,7 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-__all__ = ["draw_tile"]
+__all__ = ["draw_tile", "triangle_spans"]
 
 _OPAQUE = 1e-4  # transmittance below which nothing behind is seen: a 26th of an 8-bit step
 
@@ -111,7 +111,7 @@ def _draw_umbrella(
         area = (ax - cx) * (by - cy) - (ay - cy) * (bx - cx)
         if area * orientation[number] <= 0:
             continue
-        top, bottom = _spans(cx, cy, ax, ay, bx, by, columns, rows, spans)
+        top, bottom = triangle_spans(cx, cy, ax, ay, bx, by, columns, rows, spans)
         if top >= bottom:
             continue
         for k in range(3):
@@ -211,7 +211,7 @@ def _cast_shadow(number, dx, dy, placed, shapes, texels, lit, open_samples, span
         area = (ax - cx) * (by - cy) - (ay - cy) * (bx - cx)
         if area * orientation[number] <= 0:
             continue
-        top, bottom = _spans(cx, cy, ax, ay, bx, by, columns, rows, spans)
+        top, bottom = triangle_spans(cx, cy, ax, ay, bx, by, columns, rows, spans)
         if is_solid:
             for y in range(top, bottom):
                 if open_samples[y] > 0:
@@ -268,7 +268,7 @@ def _draw_background(tile, factor, background, strength, seen, lit, open_samples
 
 
 @numba.njit(cache=True, nogil=True)
-def _spans(cx, cy, ax, ay, bx, by, columns, rows, spans):
+def triangle_spans(cx, cy, ax, ay, bx, by, columns, rows, spans):
     """Samples whose centres lie in a triangle, row by row; returns first row and the one after the last."""
     top = max(0, int(np.ceil(min(max(min(cy, ay, by), -1.0), rows + 1.0) - 0.5)))
     bottom = min(rows, int(np.ceil(max(min(max(cy, ay, by), rows + 1.0), -1.0) - 0.5)))
