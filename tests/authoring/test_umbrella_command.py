@@ -221,6 +221,30 @@ def test_data_are_stored_as_they_are(folder):
     assert surface.GetAttribute("inputs:roughness").HasAuthoredConnections()
 
 
+def test_references_give_their_colours(folder):
+    """Blue leaves as references make green ones bluer."""
+    write_image("blue.png", leaf((20, 40, 200)))
+    means = []
+    for given in ([], ["--references", "blue.png"]):
+        made("ash.png", "-o", "out.usda", "--diversify", "color", *given)
+        _, data = opened("out.usda")
+        means.append(data.arrangement.colors.mean(axis=0))
+    assert means[1][2] > means[0][2] + 0.05
+
+
+def test_centres_can_be_given(folder):
+    """By a table, in pixels of the photo; the texture coordinates of the centre are where it was asked for."""
+    Path("hints.csv").write_text("file,x,y\noak.png,70,50\n")
+    made("oak.png", "ash.png", "-o", "out.usda", "--hints", "hints.csv", "--diversify", "none")
+    _, data = opened("out.usda")
+    shapes = dict(zip(("oak", "ash"), data.arrangement.shapes, strict=True))
+    reach = np.ptp(shapes["oak"].points, axis=0)
+    centre = -shapes["oak"].points[1:].min(axis=0) / reach
+    middle = -shapes["ash"].points[1:].min(axis=0) / np.ptp(shapes["ash"].points, axis=0)
+    assert np.allclose(middle, 0.5, atol=0.06)
+    assert centre[0] > 0.53 and centre[1] > 0.53, "right of and above the middle"
+
+
 def test_places_can_be_given(folder):
     Path("places.csv").write_text("s,t,rotation\n0.25,0.5,0\n0.75,0.5,90\n")
     result = run(*CUTOUTS, "-o", "out.usda", "--arrangement", "places.csv", "--grid", "4x4", "--fallback-size", "32")
@@ -302,8 +326,8 @@ def test_odd_inputs(folder):
     rgba = leaf((90, 150, 30)).astype(np.float32) / 255
     rgba[..., :3] *= rgba[..., 3:]
     write_image("half.exr", rgba, "raw")
-    cv2.imwrite("object.jpg", cv2.resize(on_ground()[:150, :140], None, fx=2, fy=2))
-    cv2.imwrite("large.png", cv2.resize(leaf((60, 60, 160)), (3000, 2400), interpolation=cv2.INTER_CUBIC))
+    write_image("object.jpg", cv2.resize(on_ground()[:150, :140], None, fx=2, fy=2))
+    write_image("large.png", cv2.resize(leaf((60, 60, 160)), (3000, 2400), interpolation=cv2.INTER_CUBIC))
     made("grey.png", "deep.png", "half.exr", "object.jpg", "large.png", "-o", "out.usda", "--report", "r.json")
     report = json.loads(Path("r.json").read_text())
     assert report["b"] == 5

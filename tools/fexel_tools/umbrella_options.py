@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -13,23 +14,23 @@ from fexel.errors import FexelError
 from fexel.images import srgb_to_linear
 from fexel_tools.umbrella_arrange import ArrangeOptions
 from fexel_tools.umbrella_background import AUTO, NONE
+from fexel_tools.umbrella_elements import KINDS
 
 __all__ = [
     "DIVERSIFIED",
-    "KINDS",
     "LEVELS",
     "UmbrellaOptions",
     "check_options",
     "parse_background",
     "parse_centre",
     "parse_diversify",
+    "parse_files",
     "parse_grid",
     "parse_range",
     "parse_vector",
     "read_files",
 ]
 
-KINDS = ("auto", "cutout", "object", "many")
 DIVERSIFIED = ("color", "shape")
 LEVELS = ("image", "merged", "none")
 DRIVEN = ("diffuseColor", "emissiveColor", "normal", "roughness", "metallic", "occlusion", "opacity")
@@ -60,7 +61,7 @@ class UmbrellaOptions:
     kind : str
         What the inputs are: ``auto``, ``cutout``, ``object`` or ``many``.
     vertices : int
-        Most vertices of a base, centre included, before shapes are diversified.
+        Most vertices of a base, centre included, with those that shape diversification splits in.
     tolerance : float
         Pixels of the photo by which a contour may be off.
     centre : str
@@ -109,7 +110,7 @@ class UmbrellaOptions:
     background: str | Color = AUTO
     seed: int = 0
     kind: str = "auto"
-    vertices: int = 64
+    vertices: int = 63
     tolerance: float = 1.0
     centre: str = "auto"
     hints: str = ""
@@ -300,6 +301,27 @@ def parse_diversify(text: str) -> tuple[str, ...]:
     if not chosen <= set(DIVERSIFIED):
         raise FexelError(f"--diversify: '{text}', expected {','.join(DIVERSIFIED)}, one of them, or {NONE}")
     return tuple(name for name in DIVERSIFIED if name in chosen)
+
+
+def parse_files(given: Sequence[str]) -> tuple[str, ...]:
+    """Files as they are; the files of folders, sorted; those of a list with commas.
+
+    Raises
+    ------
+    FexelError
+        A folder without a file.
+    """
+    files: list[str] = []
+    for entry in given:
+        for name in [entry] if Path(entry).exists() else entry.split(","):
+            if Path(name).is_dir():
+                inside = sorted(str(path) for path in Path(name).iterdir() if path.is_file())
+                if not inside:
+                    raise FexelError(f"{name}: the folder has no file, expected images")
+                files += inside
+            else:
+                files.append(name.strip())
+    return tuple(files)
 
 
 def _numbers(parts: list[str]) -> list[float]:

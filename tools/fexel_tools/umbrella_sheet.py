@@ -149,7 +149,8 @@ def _arranged(shown: SheetInput) -> NDArray[np.uint8]:
     size = (max(1, round(columns * scale)), max(1, round(rows * scale)))
     drawn = rasterize(shown.arrangement, shown.textures, shown.background, size, supersample=_SAMPLES)
     picture = _displayed(drawn, shown.is_data)
-    counts = np.diff(build_cells(shown.arrangement, (columns, rows), cull=False).first).reshape(rows, columns)
+    unshaded = replace(shown.arrangement, shadow_strength=0.0)  # what only casts a shadow into a cell does not count
+    counts = build_cells(unshaded, (columns, rows), cull=False).counts.reshape(rows, columns)
     heat = cv2.resize(counts[::-1].astype(np.float32), size, interpolation=cv2.INTER_NEAREST)
     heat = np.rint(255 * heat / max(int(counts.max()), 1)).astype(np.uint8)
     heat = np.ascontiguousarray(cv2.applyColorMap(heat, cv2.COLORMAP_INFERNO)[..., ::-1])

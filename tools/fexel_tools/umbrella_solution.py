@@ -36,7 +36,7 @@ STEPS = ("read", "bases", "diversify", "textures", "stage", "levels", "fallback"
 
 _RESERVED = ("Fallback", "Level", "background", "fallback", "level", "arrangement")  # other prims and files begin so
 _REFERENCE_TEXELS = 64  # colours of references are taken at low frequency
-_SPLIT = 1.5  # vertices with those that shape diversification splits in, per vertex
+_UNREAD = (0, 0)  # size of a photo that cannot be read
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,8 +98,7 @@ def compute_ground(files: Sequence[str], options: UmbrellaOptions, phases: Phase
     with phases("diversify"):
         check_arrange_options(options.arrange, len(bases))
         if "shape" in options.diversify:
-            most = round(_SPLIT * options.vertices)
-            bases = with_morphs(bases, MorphOptions(1.0, most, options.seed))
+            bases = with_morphs(bases, MorphOptions(1.0, options.vertices, options.seed))
         arrangement = _arranged(bases, options)
         background = choose_background(options.background, sources, options.grid, is_data=options.is_data)
     return Ground(tuple(sources), tuple(elements), tuple(bases), _names(bases), arrangement, background)
@@ -151,9 +150,9 @@ def read_sources(files: Sequence[str], options: UmbrellaOptions) -> list[Element
     with ThreadPoolExecutor(options.jobs) as pool:
         found = list(pool.map(lambda file: _found(file, options), files))
     if not any(source.elements for source in found):
-        reason = found[0].reason.removeprefix(f"{files[0]}: ")
-        more = f"; nor in {len(files) - 1} other files" if len(files) > 1 else ""
-        raise FexelError(f"{files[0]}: no element found: {reason}{more}")
+        what = "" if found[0].size == _UNREAD else "no element found: "
+        more = f" (nor has any of {len(files) - 1} other files an element)" if len(files) > 1 else ""
+        raise FexelError(f"{files[0]}: {what}{found[0].reason}{more}")
     return found
 
 
@@ -184,4 +183,4 @@ def _found(file: str, options: UmbrellaOptions) -> Elements:
     try:
         return find_elements(file, kind=options.kind, is_data=options.is_data)
     except FexelError as error:
-        return Elements(Path(file), options.kind, (0, 0), (), reason=str(error).removeprefix(f"{file}: "))
+        return Elements(Path(file), options.kind, _UNREAD, (), reason=str(error).removeprefix(f"{file}: "))

@@ -49,7 +49,7 @@ def _umbrella(
     kind: Annotated[
         str, typer.Option("--kind", help="What the files are: auto, cutout (alpha), object (plain ground) or many.")
     ] = "auto",
-    vertices: Annotated[int, typer.Option("--vertices", help="Most vertices of an element, its centre included.")] = 64,
+    vertices: Annotated[int, typer.Option("--vertices", help="Most vertices of an element, its centre included.")] = 63,
     tolerance: Annotated[
         float, typer.Option("--tolerance", help="How far a contour may be off, pixels of the photo.")
     ] = 1.0,
@@ -76,7 +76,8 @@ def _umbrella(
         list[str] | None,
         typer.Option(
             "--references",
-            help="Image of elements whose colours are taken; repeat it for several; default: each other's.",
+            help="Image of elements whose colours are taken, or a folder of such; repeat it for several; default: each "
+            "other's.",
             show_default=False,
         ),
     ] = None,
@@ -127,8 +128,8 @@ def _umbrella(
         str,
         typer.Option(
             "--drives",
-            help="Input of the surface: diffuseColor, emissiveColor, normal, roughness, metallic, occlusion or opacity; "
-            "default: diffuseColor.",
+            help="Input of the surface: diffuseColor, emissiveColor, normal, roughness, metallic, occlusion or "
+            "opacity; default: diffuseColor.",
         ),
     ] = "",
     normal_maps: Annotated[
@@ -175,7 +176,7 @@ def _umbrella(
         centre=spelled.parse_centre(centre),
         hints=hints,
         diversify=spelled.parse_diversify(diversify),
-        references=tuple(references or ()),
+        references=spelled.parse_files(references or []),
         color_blend=color_blend,
         morph=morph,
         arrangement=arrangement,
@@ -195,6 +196,6 @@ def _umbrella(
     )
     with progress_bars() as progress:
         made = make_umbrella(files, output, options, report=report, sheet=sheet, progress=progress)
-    for line in describe_dropped(made.dropped):
+    for line in describe_dropped(made.dropped, 3):
         sys.stderr.write(f"fexel: warning: {line}\n")
     typer.echo(describe(made))
