@@ -11,8 +11,8 @@ import OpenImageIO as oiio
 from pxr import Usd
 
 import fexel
-from fexel.images import linear_to_srgb
-from fexel_tools import demo_pinchmap, demo_zipmap
+from fexel.images import image_info, linear_to_srgb, read_pixels
+from fexel_tools import demo_pinchmap, demo_umbrella, demo_zipmap
 from fexel_tools.contact_sheet import SheetRow, contact_sheet
 
 DOCS = Path(__file__).resolve().parent
@@ -84,6 +84,14 @@ def write_pinchmaps(width: int) -> None:
         shutil.copyfile(result.sheet, DOCS / "images" / "pinchmap.png")
 
 
+def write_umbrellas(width: int) -> None:
+    """The sheet of `make demo` as ``docs/images/umbrella.jpg``."""
+    with tempfile.TemporaryDirectory() as folder:
+        leaves, settings = demo_umbrella.bundled_sources()
+        result = demo_umbrella.make_umbrella_demo(leaves, settings, Path(folder), width)
+        write("umbrella", read_pixels(image_info(str(result.sheet)))[..., :3])
+
+
 def write(name: str, pixels: np.ndarray) -> None:
     """Write ``docs/images/<name>.jpg``."""
     spec = oiio.ImageSpec(pixels.shape[1], pixels.shape[0], 3, oiio.UINT8)
@@ -105,6 +113,7 @@ def main() -> None:
         )
         write("zoom", demo_sheet(renderer, 6, 224))
     write_pinchmaps(240)
+    write_umbrellas(300)
 
 
 if __name__ == "__main__":

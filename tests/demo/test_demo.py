@@ -1,8 +1,9 @@
-"""`make demo`: photos to a stage, a zoom with and without patches, a contact sheet, a line; then pinchmaps."""
+"""`make demo`: photos to a stage, a zoom with and without patches, a contact sheet; then pinchmaps and umbrellas."""
 
 from __future__ import annotations
 
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from pxr import Usd, UsdGeom
 
 import fexel
 from fexel.images import srgb_to_linear
-from fexel_tools import demo, demo_pinchmap, demo_zipmap
+from fexel_tools import demo, demo_pinchmap, demo_umbrella, demo_zipmap
 
 oiio = pytest.importorskip("OpenImageIO")
 
@@ -122,5 +123,44 @@ def test_stages_of_the_demo_stay_as_the_command_wrote_them(pinched):
     """The plain texture is an override of the session layer."""
     output, _ = pinched
     stage = Usd.Stage.Open(str(output / "fish.usda"))
+    assert "plain" not in stage.GetRootLayer().ExportToString()
+    assert not [finding for finding in fexel.validate(stage) if finding.severity == "error"]
+
+
+@pytest.fixture(scope="module")
+def strewn(tmp_path_factory, _gl_session):
+    """Two of the leaves on a small ground, small pictures."""
+    output = tmp_path_factory.mktemp("umbrella") / "out"
+    leaves, settings = demo_umbrella.bundled_sources()
+    settings = replace(settings, grid=(12, 6), count=200, texture_size=128, fallback_size=64)
+    return demo_umbrella.make_umbrella_demo(leaves[-2:], settings, output, 160)
+
+
+def test_ground_is_sharp_close_up_where_a_plain_texture_of_as_many_bytes_is_not(strewn):
+    """The last pictures of the two rows; the horizon is the same in both."""
+    sheet = pixels(strewn.sheet)[..., :3]
+    close = [sharpness(srgb_to_linear(part)) for part in pictures_of(sheet, -1)]
+    assert close[0] > 1.5 * close[1]
+    far, plain = (srgb_to_linear(part) for part in pictures_of(sheet, 0))
+    assert np.abs(far - plain).mean() < 0.03
+
+
+def pictures_of(sheet, column):
+    """Both pictures of a column of the umbrellas' sheet: five across, rows below labels of 24 pixels, gaps of 6."""
+    left = 6 + (column % 5) * 166
+    return [sheet[top : top + 90, left : left + 160] for top in (24, 138)]
+
+
+def test_plain_texture_has_no_more_texels_than_umbrellas_have_words(strewn):
+    stage = Usd.Stage.Open(str(strewn.stage))
+    texture = fexel.UmbrellaTexture.Get(stage, "/World/Materials/Umbrella/Texture")
+    sizes = [oiio.ImageInput.open(patch.GetFileAttr().Get().resolvedPath).spec() for patch in texture.GetPatches()]
+    words = sum(spec.width * spec.height for spec in sizes) + 3 * len(texture.GetColorsAttr().Get())
+    width, height = strewn.plain
+    assert words < width * height < 1.3 * words
+
+
+def test_stage_of_the_ground_stays_as_the_command_wrote_it(strewn):
+    stage = Usd.Stage.Open(str(strewn.stage))
     assert "plain" not in stage.GetRootLayer().ExportToString()
     assert not [finding for finding in fexel.validate(stage) if finding.severity == "error"]
