@@ -21,6 +21,9 @@ from fexel.validators import validate_file
 from fexel_tools.bake import bake_stage
 from fexel_tools.cli import app
 from fexel_tools.image_files import write_image
+from fexel_tools.umbrella_stage import UmbrellaMap, create_stage
+from fexel_tools.umbrella_textures import write_bases
+from tests.authoring import ground
 
 STANDARD = {"", "Camera", "DomeLight", "Material", "Mesh", "NodeGraph", "Scope", "Shader", "Xform"}
 PLAIN = """
@@ -133,6 +136,31 @@ def test_picture_is_the_same(gl, stage, tmp_path):
     after = fexel.render(str(tmp_path / "baked.usdz"), **options)["color"]
     assert before[..., :3].max() > 0.09, "something is to be seen"
     assert np.abs(before - after).mean() < 0.0003
+
+
+def test_umbrellas_become_explicit(gl, tmp_path):
+    """A ground with its arrays in a layer of their own, and a roughness map of the same elements."""
+    folder = tmp_path / "ground_textures"
+    folder.mkdir()
+    names = ("Oak", "Ash", "Lime")
+    files = [f"./{folder.name}/{f}" for f in write_bases(folder, names, ground.textures(), [False] * 3).files]
+    maps = [
+        UmbrellaMap("Texture", "diffuseColor", tuple(files), background_color=(0.0, 0.0, 0.3, 1.0)),
+        UmbrellaMap("Roughness", "roughness", tuple(files), "raw", has_colors=False),
+    ]
+    stage = create_stage(tmp_path / "ground.usda", folder, ground.arrangement(60), names, maps)
+    stage.GetRootLayer().Save()
+    baked = bake_stage(tmp_path / "ground.usda", tmp_path / "baked.usdz", size=512)
+    assert [texture.prim.rsplit("/", 1)[1] for texture in baked] == ["Texture", "Roughness"]
+    for texture in baked:
+        assert texture.size == (512, pytest.approx(256, abs=1))
+    result = Usd.Stage.Open(str(tmp_path / "baked.usdz"))
+    assert {prim.GetTypeName() for prim in result.TraverseAll()} <= STANDARD
+    before, after = (
+        fexel.render(str(tmp_path / name), camera="Overview", width=128)["color"]
+        for name in ("ground.usda", "baked.usdz")
+    )
+    assert np.abs(before - after).mean() < 0.01 < before[..., :3].std()
 
 
 def test_size_is_that_of_the_longer_side_and_the_aspect_stays(stage, tmp_path):
