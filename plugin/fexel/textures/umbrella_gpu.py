@@ -21,6 +21,7 @@ from fexel.textures.pool import TexturePool
 from fexel.textures.pyramid_cache import PyramidCache
 from fexel.textures.residency import PairView, view_pairs
 from fexel.textures.umbrella import UmbrellaData
+from fexel.textures.umbrella_arrangement import Arrangement
 from fexel.textures.umbrella_binding import (
     ArrangementPlaces,
     ImagePlaces,
@@ -38,6 +39,7 @@ from fexel.textures.umbrella_texels import ArrangementSource, ArrangementTexels,
 __all__ = ["bind", "plan"]
 
 _SOFT = 0.7  # pixels beyond its contour that an umbrella is seen; at tips one, but hardly
+_FEWEST_CELLS, _MOST_CELLS, _CELLS_PER_UMBRELLA = 1 << 14, 1 << 18, 8  # for memory: a list entry is 48 bytes
 _FOOTPRINT_STEP = 0.5  # octaves from one margin of lists to the next
 _FINEST_FOOTPRINT = -8.0  # log2 of cells per pixel
 
@@ -205,7 +207,7 @@ def _drawn(data: UmbrellaData, view: LevelView, low: float, path: str, pool: Tex
         _is_opaque(shape.image, where, cache) for shape, where in zip(arrangement.shapes, paths, strict=True)
     )
     source = ArrangementSource(
-        arrangement, fine_size(arrangement), (float(margin[0]), float(margin[1])), opaque, colored
+        arrangement, _grid_size(arrangement), (float(margin[0]), float(margin[1])), opaque, colored
     )
     texels = _ask_whole(pool, pool.image(source, path, reader))
     colors = _ask_whole(pool, pool.image(ColorSource(arrangement), path, reader)) if colored else -1
@@ -220,6 +222,12 @@ def _drawn(data: UmbrellaData, view: LevelView, low: float, path: str, pool: Tex
     for base in bases:
         base.ask(pool)
     return _Drawn(view, source, reader.layout(source), texels, colors, bases)
+
+
+def _grid_size(arrangement: Arrangement) -> tuple[int, int]:
+    """Cells along s and t that lists are made for."""
+    most = min(max(_CELLS_PER_UMBRELLA * len(arrangement), _FEWEST_CELLS), _MOST_CELLS)
+    return fine_size(arrangement, most=most)
 
 
 def _ask_whole(pool: TexturePool, image: int) -> int:

@@ -176,35 +176,43 @@ def _written(source: ArrangementSource) -> tuple[NDArray[np.float32], Layout]:
     address = np.cumsum(lengths)[1:-1] if blocks else np.zeros(0, np.int64)
     rows = _entry_rows(cells, arrangement, address, source.colored)
     rows = rows if stride == 4 else rows[:, [0, 1, 3]]
-    heads = np.zeros((first, 4))
+    heads = np.zeros((first, 4), np.float32)
     heads[:, 0], heads[:, 1] = first + stride * cells.first[:-1], cells.counts
     layout = Layout(stride, bins, slices, morphs, cells.size)
-    return np.concatenate([heads, rows.reshape(-1, 4), *blocks]).astype(np.float32), layout
+    tables = [block.astype(np.float32) for block in blocks]
+    return np.concatenate([heads, rows.reshape(-1, 4), *tables]), layout
 
 
 def _entry_rows(
     cells: Cells, arrangement: Arrangement, address: NDArray[np.int64], colored: bool
-) -> NDArray[np.float64]:
+) -> NDArray[np.float32]:
     """(entries, 4, 4): from the place in the cell, in [0, 1]^2, to patch space about the centre; the rest."""
-    size = np.array(cells.size)
+    number = cells.umbrella
+    to_patch = _to_patch(arrangement)
     cell = np.repeat(np.arange(len(cells.counts)), cells.counts)
-    corner = np.stack([cell % size[0], cell // size[0]], 1) / size + cells.shift
-    number, matrix = cells.umbrella, arrangement.matrices
-    columns = np.swapaxes(np.linalg.inv(matrix)[number], 1, 2)  # rows x, y, w for columns (s, t, 1)
-    rows = np.empty((len(number), 4, 4))
-    rows[:, :3, :2] = columns[..., :2] / size
-    rows[:, :3, 2] = np.einsum("nij,nj->ni", columns[..., :2], corner) + columns[..., 2]
-    center = arrangement.points[arrangement.first_vertex[:-1]][number]
-    rows[:, :2, :3] -= center[:, :, None] * rows[:, 2:3, :3]
-    # 1 at the centre, so that w is positive before infinity; everywhere where it is affine.
-    at_center = np.einsum("nj,nj->n", np.concatenate([center, np.ones((len(center), 1))], 1), matrix[number][:, :, 2])
-    rows[:, :3, :3] *= at_center[:, None, None]
-    rows[:, 0, 3] = arrangement.first_vertex[number] if colored else number
-    rows[:, 1, 3] = address[arrangement.shape_of[number]]
-    rows[:, 2, 3] = arrangement.morphs[number]
+    corner_s = cell % cells.size[0] / cells.size[0] + cells.shift[:, 0]
+    corner_t = cell // cells.size[0] / cells.size[1] + cells.shift[:, 1]
+    rows = np.empty((len(number), 4, 4), np.float32)
+    for row in range(3):
+        along_s, along_t, offset = to_patch[:, row].T
+        rows[:, row, 0] = (along_s / cells.size[0])[number]
+        rows[:, row, 1] = (along_t / cells.size[1])[number]
+        rows[:, row, 2] = along_s[number] * corner_s + along_t[number] * corner_t + offset[number]
+    rows[:, 0, 3] = (arrangement.first_vertex[:-1] if colored else np.arange(len(arrangement)))[number]
+    rows[:, 1, 3] = address[arrangement.shape_of][number]
+    rows[:, 2, 3] = rows[:, 3, 3] = arrangement.morphs[number]
     rows[:, 3, :3] = _looks(arrangement)[number]
-    rows[:, 3, 3] = rows[:, 2, 3]
     return rows
+
+
+def _to_patch(arrangement: Arrangement) -> NDArray[np.float64]:
+    """(n, 3, 3) rows x, y, w for columns (s, t, 1), about the centre."""
+    matrix = arrangement.matrices
+    rows = np.swapaxes(np.linalg.inv(matrix), 1, 2)
+    center = arrangement.points[arrangement.first_vertex[:-1]]
+    rows[:, :2] -= center[:, :, None] * rows[:, 2:]
+    # 1 at the centre, so that w is positive before infinity; everywhere where it is affine.
+    return rows * np.einsum("nj,nj->n", np.column_stack([center, np.ones(len(center))]), matrix[:, :, 2])[:, None, None]
 
 
 def _looks(arrangement: Arrangement) -> NDArray[np.float64]:
