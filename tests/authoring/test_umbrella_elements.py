@@ -132,6 +132,15 @@ def test_a_glint_as_white_as_the_ground_is_no_hole(tmp_path):
     assert _iou(_on_photo(element, (100, 100)), disc) > 0.98
 
 
+def test_what_shows_a_coloured_ground_is_a_hole_however_small(tmp_path):
+    shape = _disc(100, 100, 50, 50, 40) - _disc(100, 100, 40, 40, 4)
+    (element,) = find_elements(
+        _write(tmp_path / "a.png", _over(_plain(100, 100, SKY), (shape, (0.5, 0.3, 0))))
+    ).elements
+    assert _iou(_on_photo(element, (100, 100)), shape) > 0.985
+    assert _on_photo(element, (100, 100))[40, 40] < 0.1
+
+
 def test_a_lobed_object_is_not_split(tmp_path):
     lobes = [_disc(160, 200, x, y, 32) for x, y in ((60, 60), (100, 100), (140, 60))]
     shape = np.clip(sum(lobes), 0, 1)

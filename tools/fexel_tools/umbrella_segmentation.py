@@ -15,7 +15,8 @@ __all__ = ["choose_segments", "find_segments"]
 _SPECK = 1e-4  # of the photo's area: less is noise
 _LEAST_SPECK_PX = 9
 _MINOR = 0.1  # of the largest segment's area: a segment that counts when deciding whether a photo shows many
-_HOLE = 0.05  # of an element's area: a larger hole stays one
+_HOLE = 0.01  # of an element's area: a larger hole stays one, unless it lies deep inside
+_COLORLESS = 15.0  # chroma in CIELAB
 _CROWD = 6  # parts of what hangs together, from which on they are elements of their own rather than lobes
 _CUT_CROWD = 4  # the same of what reaches three sides of the photo
 _FULL = 0.98  # of the photo: elements that cover more leave no ground to tell them by
@@ -35,12 +36,18 @@ def find_segments(preview: Preview, ground: Ground | None, kind: str) -> tuple[s
         return "nothing differs from its ground"
     if ground is not None and mask.mean() > _FULL:
         return "no plain ground was found around its elements"
-    labels = components(mask)
+    glints = ground is not None and _is_colorless(preview.lab[~mask])
+    labels = components(fill_secluded(mask) if glints else mask)
     if kind == "auto":
         kind = "cutout" if ground is None else _kind_of(labels)
     if kind == "many":
-        labels = split_touching(components(fill_secluded(mask)))
-    return kind, labels if ground is None else fill_holes(labels, _HOLE)
+        labels = split_touching(labels)
+    return kind, fill_holes(labels, _HOLE) if glints else labels
+
+
+def _is_colorless(lab: NDArray[np.float32]) -> bool:
+    """Whether the ground is white, grey or black, so that glints and shades of an element may look like it."""
+    return float(np.hypot(*np.median(lab[:, 1:], axis=0))) < _COLORLESS if len(lab) else True
 
 
 def _kind_of(labels: NDArray[np.int32]) -> str:
@@ -50,12 +57,9 @@ def _kind_of(labels: NDArray[np.int32]) -> str:
         return "many"
     largest = labels == 1 + int(np.argmax(areas))
     sides = sum(bool(side.any()) for side in (largest[0], largest[-1], largest[:, 0], largest[:, -1]))
-    parts = np.bincount(split_touching(components(fill_secluded(largest))).ravel())[1:]
-    return (
-        "many"
-        if np.count_nonzero(parts >= _MINOR * parts.max()) >= (_CUT_CROWD if sides >= 3 else _CROWD)
-        else "object"
-    )
+    parts = np.bincount(split_touching(components(largest)).ravel())[1:]
+    crowd = _CUT_CROWD if sides >= 3 else _CROWD
+    return "many" if np.count_nonzero(parts >= _MINOR * parts.max()) >= crowd else "object"
 
 
 def choose_segments(
