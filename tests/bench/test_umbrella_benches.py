@@ -13,7 +13,7 @@ pytest.importorskip("colour")
 command = pytest.importorskip("bench.umbrella_command")
 setting = pytest.importorskip("bench.umbrella_setting")
 
-from bench import umbrella_authoring, umbrella_filtering, umbrella_motion, umbrella_storage  # noqa: E402
+from bench import umbrella_authoring, umbrella_filtering, umbrella_motion, umbrella_speed, umbrella_storage  # noqa: E402
 from bench.fall_leaves import cell_counts, cutouts, fall_leaves  # noqa: E402
 from bench.umbrella_texture import low_view  # noqa: E402
 from bench.umbrella_truth import Truth, turned_view  # noqa: E402
@@ -137,7 +137,7 @@ def test_filtering_is_measured(monkeypatch):
     assert {row.unit for row in rows} == {"CIEDE2000, mean", "MB"}
     assert all(row.value < 10 for row in rows)
     curves = list(umbrella_filtering.curves(True))
-    assert len(curves) >= 3 and all(len(curve.x) == 2 and np.isfinite(curve.y).all() for curve in curves)
+    assert len(curves) == 5 and all(len(curve.x) == 2 and np.isfinite(curve.y).all() for curve in curves)
 
 
 @pytest.mark.usefixtures("_small", "gl")
@@ -148,6 +148,16 @@ def test_motion_is_measured(monkeypatch):
     rows = checked(umbrella_motion)
     assert len(rows) >= 6 and all(0.01 < row.value < 5 for row in rows)
     assert list(umbrella_motion.curves(True))
+
+
+@pytest.mark.usefixtures("_small", "gl")
+def test_speed_is_measured(monkeypatch):
+    monkeypatch.setattr(umbrella_speed, "_FOOTPRINTS", (8, 2))
+    monkeypatch.setattr(umbrella_speed, "_PIXELS", 32)
+    monkeypatch.setattr(umbrella_speed, "_EXPLICIT_TEXELS", 16)
+    rows = checked(umbrella_speed)
+    assert len(rows) == 2 and all(row.value > 0 for row in rows)
+    assert {len(curve.x) for curve in umbrella_speed.curves(True)} == {2}
 
 
 @pytest.mark.usefixtures("_small")
