@@ -1,9 +1,9 @@
 """Cost of an umbrella lookup over one plain mip-mapped lookup, against k and v, in turns within one run (fig. 12).
 
 The umbrella paper's setting: fall leaves on 32 x 32 cells, bases of 256 x 256 texels, a picture of 512 x 512 pixels
-that shows the whole texture, with and without shadows, through the renderer's own path. The plain lookup is GL's trilinear
-filter on a texture of the bases' format, between levels 0 and 1 so that it blends two. Times are CPU times of the
-process: the software rasteriser's threads count, other processes do not.
+that shows the whole texture, with and without shadows, through the renderer's own path. The plain lookup is GL's
+trilinear filter on a texture of the bases' format, between levels 0 and 1 so that it blends two. Times are CPU times of
+the process: the software rasteriser's threads count, other processes do not.
 """
 
 from __future__ import annotations

@@ -39,7 +39,8 @@ from fexel.textures.umbrella_texels import ArrangementSource, ArrangementTexels,
 __all__ = ["bind", "plan"]
 
 _SOFT = 0.7  # pixels beyond its contour that an umbrella is seen; at tips one, but hardly
-_FEWEST_CELLS, _MOST_CELLS, _CELLS_PER_UMBRELLA = 1 << 14, 1 << 18, 8  # for memory: a list entry is 48 bytes
+_LIST_LENGTH = 2.5
+_FEWEST_CELLS, _MOST_CELLS, _CELLS_PER_UMBRELLA = 1 << 14, 1 << 18, 16  # for memory: a list entry is 48 bytes
 _FOOTPRINT_STEP = 0.5  # octaves from one margin of lists to the next
 _FINEST_FOOTPRINT = -8.0  # log2 of cells per pixel
 
@@ -227,7 +228,7 @@ def _drawn(data: UmbrellaData, view: LevelView, low: float, path: str, pool: Tex
 def _grid_size(arrangement: Arrangement) -> tuple[int, int]:
     """Cells along s and t that lists are made for."""
     most = min(max(_CELLS_PER_UMBRELLA * len(arrangement), _FEWEST_CELLS), _MOST_CELLS)
-    return fine_size(arrangement, most=most)
+    return fine_size(arrangement, _LIST_LENGTH, most)
 
 
 def _ask_whole(pool: TexturePool, image: int) -> int:

@@ -211,7 +211,13 @@ class ArrangementTwin:
             steepness = np.hypot(slope_x, slope_y)  # of the centre's weight times the sector's area
             steep = steepness > 0
             distance = weights[:, 0] * sectors.areas[sector] / np.where(steep, steepness, 1.0)
-            alpha = np.where(steep, np.clip(0.5 + distance, 0.0, 1.0), alpha)
+            # Beyond a tip, where the edge runs along the ray from the centre, it ends a pixel further along that ray.
+            ray = (point - sectors.centers[umbrella]) * (1.0 - 1.0 / np.maximum(1.0 - weights[:, :1], 1.0))
+            (a, b), (c, d) = np.moveaxis(axes, 0, -1)
+            area = np.abs(a * d - b * c)
+            reach = np.hypot(ray[:, 0] * d - ray[:, 1] * b, ray[:, 1] * a - ray[:, 0] * c)
+            tip = 1.0 - reach / np.where(area > 0, area, 1.0)
+            alpha = np.where(steep, np.clip(np.minimum(0.5 + distance, tip), 0.0, 1.0), alpha)
         return _Hits(umbrella, sector, axes, weights, alpha * drawn)
 
     def _textured(
