@@ -99,9 +99,8 @@ def _draw_umbrella(
     offset, width, height = places[number]
     has_color = len(colors) > 0 and blend != 0
     coverage, is_opaque = coverages[number], opaque[number]
-    turns, zero_x, zero_y, aspect = vectors
-    is_turned = len(turns) > 0
-    values = np.empty((3, 6))  # u, v in texels; r, g, b offsets; 1: each over w
+    is_turned = len(vectors[0]) > 0
+    values = np.zeros((3, 6))  # u, v in texels; r, g, b offsets; 1: each over w
     closed = 0
     for sector in range(1, count):
         corner = (0, sector, sector + 1 if sector + 1 < count else 1)
@@ -114,13 +113,11 @@ def _draw_umbrella(
         top, bottom = triangle_spans(cx, cy, ax, ay, bx, by, columns, rows, spans)
         if top >= bottom:
             continue
-        for k in range(3):
-            vertex, w = corner[k], inverse_w[begin + corner[k]] / inverse_w[begin]
-            values[k, 0] = tex_coords[coords + vertex, 0] * width * w
-            values[k, 1] = (1 - tex_coords[coords + vertex, 1]) * height * w
-            for c in range(3):
-                values[k, 2 + c] = colors[begin + vertex, c] * blend * w if has_color else 0.0
-            values[k, 5] = w
+        _fill(values, corner, begin, coords, inverse_w, tex_coords, width, height)
+        if has_color:
+            for k in range(3):
+                for c in range(3):
+                    values[k, 2 + c] = colors[begin + corner[k], c] * blend * values[k, 5]
         # Barycentric weights of a and b are linear in x and y.
         a_x, a_y = (by - cy) / area, -(bx - cx) / area
         b_x, b_y = -(ay - cy) / area, (ax - cx) / area
@@ -151,23 +148,17 @@ def _draw_umbrella(
                     inverse = 1.0 if affine else 1.0 / (w_row + w_x * step)
                     r, g, b, alpha = 0.0, 0.0, 0.0, 1.0
                     if width > 0:
-                        r, g, b, alpha = _lookup(
-                            all_texels, offset, width, height,
-                            (u_row + u_x * step) * inverse, (v_row + v_x * step) * inverse,
-                        )  # fmt: skip
-                        if not is_opaque:
-                            if alpha <= 0:
-                                continue
-                            r, g, b = r / alpha, g / alpha, b / alpha
+                        u, v = (u_row + u_x * step) * inverse, (v_row + v_x * step) * inverse
+                        r, g, b, alpha = _straight(all_texels, offset, width, height, u, v, is_opaque)
+                        if alpha <= 0:
+                            continue
                     if has_color:
                         r += (r_row + r_x * step) * inverse
                         g += (g_row + g_x * step) * inverse
                         b += (l_row + l_x * step) * inverse
                     r, g, b = min(1.0, max(0.0, r)), min(1.0, max(0.0, g)), min(1.0, max(0.0, b))
                     if is_turned:
-                        vx, vy = (r - zero_x) * aspect, g - zero_y
-                        r = (turns[number, 0, 0] * vx + turns[number, 0, 1] * vy) / aspect + zero_x
-                        g = turns[number, 1, 0] * vx + turns[number, 1, 1] * vy + zero_y
+                        r, g = _turned(r, g, number, vectors)
                     alpha *= coverage
                     weight = through * alpha
                     light = weight
@@ -218,11 +209,7 @@ def _cast_shadow(number, dx, dy, placed, shapes, texels, lit, open_samples, span
                     for x in range(spans[y, 0], spans[y, 1]):
                         lit[y, x] *= 1 - coverage
             continue
-        for k in range(3):
-            vertex, w = corner[k], inverse_w[begin + corner[k]] / inverse_w[begin]
-            values[k, 0] = tex_coords[coords + vertex, 0] * width * w
-            values[k, 1] = (1 - tex_coords[coords + vertex, 1]) * height * w
-            values[k, 5] = w
+        _fill(values, corner, begin, coords, inverse_w, tex_coords, width, height)
         a_x, a_y = (by - cy) / area, -(bx - cx) / area
         b_x, b_y = -(ay - cy) / area, (ax - cx) / area
         u_x, u_0, u_y = _plane(values, 0, a_x, a_y, b_x, b_y)
@@ -297,6 +284,37 @@ def _edge(px, py, qx, qy, top, bottom, columns, spans):
         column = min(max(int(np.ceil(x - 0.5)), 0), columns)
         spans[y, 0] = min(spans[y, 0], column)
         spans[y, 1] = max(spans[y, 1], column)
+
+
+@numba.njit(cache=True, nogil=True)
+def _fill(values, corner, begin, coords, inverse_w, tex_coords, width, height):
+    """Place in the image, in texels from its upper left corner, and 1, over w, at the corners of a sector."""
+    for k in range(3):
+        w = inverse_w[begin + corner[k]] / inverse_w[begin]
+        values[k, 0] = tex_coords[coords + corner[k], 0] * width * w
+        values[k, 1] = (1 - tex_coords[coords + corner[k], 1]) * height * w
+        values[k, 5] = w
+
+
+@numba.njit(cache=True, nogil=True)
+def _straight(texels, offset, width, height, u, v, is_opaque):
+    """Straight colour and alpha of an image."""
+    r, g, b, alpha = _lookup(texels, offset, width, height, u, v)
+    if is_opaque:
+        return r, g, b, np.float32(1)
+    over = np.float32(1) / max(alpha, np.float32(1e-6))  # 1e-6 guards what is nearly transparent
+    return r * over, g * over, b * over, alpha
+
+
+@numba.njit(cache=True, nogil=True)
+def _turned(r, g, number, vectors):
+    """Encoded x and y of a vector that turns with its umbrella."""
+    turns, zero_x, zero_y, aspect = vectors
+    x, y = (r - zero_x) * aspect, g - zero_y
+    return (
+        (turns[number, 0, 0] * x + turns[number, 0, 1] * y) / aspect + zero_x,
+        turns[number, 1, 0] * x + turns[number, 1, 1] * y + zero_y,
+    )
 
 
 @numba.njit(cache=True, nogil=True)
