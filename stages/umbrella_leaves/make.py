@@ -18,7 +18,6 @@ OPTIONS = UmbrellaOptions(
     background=str(SOURCES / "soil.jpg"),
     references=tuple(str(file) for file in sorted(SOURCES.glob("autumn_*.jpg"))),
     vertices=28,
-    centre="veins",
     texture_size=160,
     seed=7,
     fallback_size=448,

@@ -143,6 +143,8 @@ GROUNDS = dict.fromkeys(("umbrella_citrus", "umbrella_flowers", "umbrella_leaves
 PICTURES = {
     "pinchmap_lines": ("textures/boat/fallback.png", 24),
     "pinchmap_in_zipmap": ("textures/fallback.jpg", 32),
+    "umbrella_in_zipmap": ("textures/fallback.jpg", 32),
+    "umbrella_leaves": ("umbrella_leaves_textures/fallback.png", 16),
 }
 
 

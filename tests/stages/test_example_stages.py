@@ -15,7 +15,7 @@ import fexel
 REPOSITORY = Path(__file__).resolve().parents[2]
 FOLDER = REPOSITORY / "stages"
 PINCHMAPS = ("pinchmap_crease", "pinchmap_demo", "pinchmap_in_zipmap", "pinchmap_lines", "pinchmap_sign")
-UMBRELLAS = ("umbrella_citrus", "umbrella_flowers", "umbrella_leaves", "umbrella_sweets")
+UMBRELLAS = ("umbrella_citrus", "umbrella_flowers", "umbrella_in_zipmap", "umbrella_leaves", "umbrella_sweets")
 ZIPMAPS = ("zipmap_deep", "zipmap_demo", "zipmap_teapot", "zipmap_wall")
 NAMES = PINCHMAPS + UMBRELLAS + ZIPMAPS
 TEXTURES = {

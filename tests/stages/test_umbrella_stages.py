@@ -144,3 +144,24 @@ def test_leaves_get_the_colours_of_autumn_from_their_references(renderer):
     summer = render(renderer, stage, "Overview", 160)
     assert summer[..., 1].mean() > summer[..., 0].mean()
     assert autumn[..., 0].mean() > 1.3 * autumn[..., 1].mean()
+
+
+def test_heap_is_a_patch_of_the_table():
+    stage = open_stage("umbrella_in_zipmap")
+    table = "/World/Materials/Table/Texture"
+    patches = fexel.ZipmapTexture.Get(stage, table).GetPatches()
+    assert [patch.path for patch in patches] == [Sdf.Path(table), Sdf.Path(f"{table}/Heap")]
+    rows = (FOLDER / "umbrella_in_zipmap" / "heap.csv").read_text(encoding="utf-8").splitlines()
+    assert len(umbrella(stage).GetPatchIndicesAttr().Get()) == len(rows) - 1 == 320
+
+
+def test_table_is_seen_around_the_heap_and_not_through_it(renderer):
+    stage = open_stage("umbrella_in_zipmap")
+    heaped = render(renderer, stage, "Overview", 200)
+    with Usd.EditContext(stage, stage.GetSessionLayer()):
+        stage.GetPrimAtPath("/World/Materials/Table/Texture/Heap").SetActive(False)
+    bare = render(renderer, stage, "Overview", 200)
+    around = np.ones(heaped.shape[:2], bool)
+    around[40:160, 40:170] = False
+    np.testing.assert_allclose(heaped[around], bare[around], atol=2e-3)
+    assert (np.abs(heaped - bare)[80:130, 85:130].max(-1) > 0.004).mean() > 0.9  # the rest are gaps
