@@ -171,6 +171,8 @@ def test_storage_is_measured():
 def test_authoring_is_measured(tmp_path, monkeypatch):
     monkeypatch.setattr(command, "GRID", (6, 4))
     monkeypatch.setattr(command, "COUNT", 30)
+    small = lambda *given: command.author(*given, "--fallback-size", "64")  # noqa: E731
+    monkeypatch.setattr(umbrella_authoring, "author", small)
     monkeypatch.setattr(umbrella_authoring, "passiflora_scans", list)
     monkeypatch.setattr(umbrella_authoring, "cutouts", lambda folder: cutouts(folder, bases=2, size=96))
     rows = checked(umbrella_authoring)
