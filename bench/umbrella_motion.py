@@ -81,6 +81,9 @@ def _rows(title: str, motion: _Motion) -> Iterator[Row]:
     common = {"unit": "ratio", "target": _ASKED, "comparison": "<=", "samples": len(ratios)}
     total = float(motion.ours.sum() / motion.truth.sum())
     yield Row("frame-to-frame change over the truth's own", title, total, spread=(high - low) / 2, **common)
+    worst = int(np.argmax(ratios))
+    note = f"at step {worst + 1} of {len(ratios)}; {motion.where[worst]:.3g} pixels per cell"
+    yield Row("the same, worst step", title, float(ratios[worst]), note=note, **common)
     yield Row(
         "change of the error over the truth's own change",
         title,
@@ -89,9 +92,6 @@ def _rows(title: str, motion: _Motion) -> Iterator[Row]:
         samples=len(ratios),
         note="0 where the picture moves just as the truth does, 1 where it stands still",
     )
-    worst = int(np.argmax(ratios))
-    note = f"at step {worst + 1} of {len(ratios)}; {motion.where[worst]:.3g} pixels per cell"
-    yield Row("the same, worst step", title, float(ratios[worst]), note=note, **common)
 
 
 def _motions(gl, system: TextureSystem, ground: Ground, quick: bool) -> Iterator[tuple[str, _Motion]]:
