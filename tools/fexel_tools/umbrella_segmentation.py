@@ -8,14 +8,21 @@ from numpy.typing import NDArray
 from fexel_tools.umbrella_ground import Ground
 from fexel_tools.umbrella_photo import Box, Preview
 from fexel_tools.umbrella_quality import Quality
-from fexel_tools.umbrella_segments import components, fill_holes, fill_secluded, split_touching, without_specks
+from fexel_tools.umbrella_segments import (
+    components,
+    fill_holes,
+    fill_secluded,
+    split_touching,
+    trim_contacts,
+    without_specks,
+)
 
 __all__ = ["choose_segments", "find_segments"]
 
 _SPECK = 1e-4  # of the photo's area: less is noise
 _LEAST_SPECK_PX = 9
 _MINOR = 0.1  # of the largest segment's area: a segment that counts when deciding whether a photo shows many
-_HOLE = 0.01  # of an element's area: a larger hole stays one, unless it lies deep inside
+_HOLE = 0.05  # of an element's area: a larger hole stays one, unless it lies deep inside
 _COLORLESS = 15.0  # chroma in CIELAB
 _CROWD = 6  # parts of what hangs together, from which on they are elements of their own rather than lobes
 _CUT_CROWD = 4  # the same of what reaches three sides of the photo
@@ -41,7 +48,7 @@ def find_segments(preview: Preview, ground: Ground | None, kind: str) -> tuple[s
     if kind == "auto":
         kind = "cutout" if ground is None else _kind_of(labels)
     if kind == "many":
-        labels = split_touching(labels)
+        labels = trim_contacts(split_touching(labels))
     return kind, fill_holes(labels, _HOLE) if glints else labels
 
 
