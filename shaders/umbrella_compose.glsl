@@ -95,10 +95,9 @@ vec3 umbrella_light(UmbrellaLook look, vec2 cell, UmbrellaPlace place, vec3 numb
     vec3 clear = step(vec3(0.0), numbers);
     float sector = -1.0;
     int tries = 0;
-    bool running = list.y > 0;
+    bool running = list.y > 0 && umbrella_texel(look.grid, list.x).w < last;
     do {
         UmbrellaPatchPlace at = umbrella_patch_place(look.grid, list.x, place);
-        running = running && at.number < last;
         float begin = umbrella_first_sector(look.grid, at);
         sector = sector < 0.0 ? begin : sector;
         bool found;
@@ -115,7 +114,9 @@ vec3 umbrella_light(UmbrellaLook look, vec2 cell, UmbrellaPlace place, vec3 numb
         sector = done ? -1.0 : sector;
         tries = done ? 0 : tries;
         list += running && done ? ivec2(look.grid.stride, -1) : ivec2(0);
-        running = running && list.y > 0 && max(clear.x, max(clear.y, clear.z)) > UMBRELLA_OPAQUE;
+        bool isDark = max(clear.x, max(clear.y, clear.z)) <= UMBRELLA_OPAQUE;
+        // The number of the next one, alone, spares most pixels a round.
+        running = running && list.y > 0 && !isDark && umbrella_texel(look.grid, list.x).w < last;
     } while (running);
     return 1.0 - look.shadow.z * (1.0 - clear);
 }
