@@ -6,8 +6,21 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pxr import Gf, Sdf
 
-from bench.zipmap_stage import front_view, pixel_st, quad, render_texture, save, tilted_view, vertex_array
+from bench.zipmap_stage import (
+    Patch,
+    front_view,
+    pixel_st,
+    quad,
+    render_texture,
+    save,
+    tilted_view,
+    vertex_array,
+    zipmap_stage,
+    zipmap_texture,
+)
+from fexel import homography
 from fexel.errors import FexelWarning
 from fexel.renderer.program import ProgramCache
 from fexel.renderer.visible import visible_surface
@@ -526,3 +539,46 @@ def test_textures_of_one_material_do_not_disturb_each_other(gl, tmp_path, rng):
     for each, shown in zip(data, together, strict=True):
         alone = render_texture(gl, texture(each), quad(), view)
         assert np.abs(shown - alone).max() < 2e-3
+
+
+@pytest.mark.parametrize("perspective", [0.0, 0.3])
+def test_umbrellas_nested_in_a_zipmap_equal_the_twin(gl, tmp_path, rng, perspective):
+    """A lawn as a turned, mirrored or projective patch over a plain ground."""
+    base = save(tmp_path / "base.tif", np.full((16, 16, 4), [0.5, 0.25, 0.125, 1], np.float32), "float")
+    stage = zipmap_stage(Patch(base, np.eye(3), color_space="raw"))
+    lawn_prim = stage.DefinePrim("/Zipmap/Lawn", "UmbrellaTexture")
+    matrix = np.array([[1.4, 0.8, perspective], [-0.7, 1.3, 0.1 * perspective], [0.1, -0.4, 1.0]])
+    define(lawn_prim, matrix, count=12, rng=rng)
+    data = zipmap_texture(stage).data
+    (nested,) = data.nested
+    assert nested.data.wrap == ("patch", "patch")
+    assert len(nested.data.arrangement) == 12
+    view = front_view((0, 0), (1, 1), 128, 128)
+    rendered = render_texture(gl, Texture("/Zipmap", "zipmap", data), quad(), view)
+    st, jacobian, shown = pixel_st(view)
+    placed = homography.normalize(matrix)
+    inner = homography.apply(placed, st)
+    inside = np.isfinite(inner).all(axis=1) & (inner > 0).all(axis=1) & (inner < 1).all(axis=1)
+    assert inside.mean() > 0.1
+    axes = homography.jacobian(placed, st[inside]) @ jacobian[inside]
+    color = UmbrellaTwin(nested.data, "/Lawn", most_probes=8).sample(inner[inside], axes)
+    truth = np.tile([0.5, 0.25, 0.125, 1.0], (len(st), 1))
+    truth[inside] = color + (1 - color[:, 3:]) * truth[inside]
+    check(np.abs(rendered.reshape(-1, 4) - truth).max(axis=-1)[shown], 0.02)
+
+
+def define(prim, matrix, count, rng):
+    """Squares without images, authored."""
+    names = Sdf.ValueTypeNames
+    points = [(0, 0), (-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)]
+    patch = prim.GetStage().DefinePrim(prim.GetPath().AppendChild("Square"), "UmbrellaPatch")
+    patch.CreateAttribute("points", names.Float2Array).Set(points)
+    patch.CreateAttribute("texCoords", names.Float2Array).Set([(x + 0.5, y + 0.5) for x, y in points])
+    placed = [Gf.Matrix3d(0.2, 0.1, 0, -0.1, 0.2, 0, *rng.random(2), 1) for _ in range(count)]
+    prim.CreateAttribute("grid", names.Int2).Set(Gf.Vec2i(4, 4))
+    prim.CreateAttribute("patchIndices", names.IntArray).Set([0] * count)
+    prim.CreateAttribute("matrices", names.Matrix3dArray).Set(placed)
+    prim.CreateAttribute("colors", names.Color3fArray).Set([tuple(c) for c in rng.random((5 * count, 3))])
+    prim.CreateAttribute("inputs:matrix", names.Matrix3d).Set(Gf.Matrix3d(*matrix.ravel().tolist()))
+    prim.CreateAttribute("inputs:shadowOffset", names.Float2).Set((0.03, -0.02))
+    prim.CreateAttribute("inputs:shadowStrength", names.Float).Set(0.5)
