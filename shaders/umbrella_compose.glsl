@@ -12,14 +12,15 @@ struct UmbrellaLook {
     int background;          // record of its image
     int picture;             // record of the level's image
     int imageTexels;         // of a record
+    bool turnsVectors;       // texels are vectors; other textures of the material need not be
 };
 
 UmbrellaLook umbrella_look(vec2 cells, vec4 pages, vec4 tables, vec4 shadow, vec4 parts)
 {
     int codes = int(tables.w);
     UmbrellaGrid grid = UmbrellaGrid(ivec2(pages.xy), (codes >> 4) & 31, tables.x, tables.y, int(parts.w), cells);
-    return UmbrellaLook(grid, ivec2(codes & 3, (codes >> 2) & 3), ivec2(pages.zw), codes >> 9, tables.z, shadow.xyz,
-                        int(shadow.w), int(parts.x), int(parts.y), int(parts.z));
+    return UmbrellaLook(grid, ivec2(codes & 3, (codes >> 2) & 3), ivec2(pages.zw), (codes >> 9) & 31, tables.z, shadow.xyz,
+                        int(shadow.w), int(parts.x), int(parts.y), int(parts.z), codes >= 16384);
 }
 
 #if UMBRELLA_DRAWN
@@ -263,8 +264,9 @@ vec4 umbrella_compose(UmbrellaLook look, vec2 relative, vec2 base, vec2 dx, vec2
 #if UMBRELLA_VECTORS
             vec2 vector = 2.0 * varied.xy - texel.a;
             float mirror = first.turn.x < 0.0 ? -1.0 : 1.0;
-            varied.xy = 0.5 * (vec2(first.turn.y * vector.x - mirror * first.turn.z * vector.y,
-                                    first.turn.z * vector.x + mirror * first.turn.y * vector.y) + texel.a);
+            vec2 turned = 0.5 * (vec2(first.turn.y * vector.x - mirror * first.turn.z * vector.y,
+                                      first.turn.z * vector.x + mirror * first.turn.y * vector.y) + texel.a);
+            varied.xy = look.turnsVectors ? turned : varied.xy;
 #endif
             texel.rgb = isBackground ? texel.rgb : varied;
             color += weight * vec4(light.x * texel.rgb, texel.a);

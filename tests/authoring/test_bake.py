@@ -321,3 +321,24 @@ def test_command_prints_a_line_per_texture_and_overwrites_its_own_output(stage, 
             assert result.output.startswith(f"/World/Material/Texture: Material_Texture.png, {size} x {size} pixels, ")
     assert len(zipfile.ZipFile("baked.usdz").namelist()) == 3
     assert not [p for p in tmp_path.iterdir() if p.name.startswith(".")]
+
+
+def test_colour_beside_a_normal_map_is_the_same_as_alone(gl, tmp_path):
+    """Vectors turn with their umbrella; colours of the same material do not."""
+    pictures = []
+    for companions in (False, True):
+        folder = tmp_path / f"ground{companions}_textures"
+        folder.mkdir()
+        names = ("Oak", "Ash", "Lime")
+        files = [f"./{folder.name}/{f}" for f in write_bases(folder, names, ground.textures(), [False] * 3).files]
+        maps = [UmbrellaMap("Texture", "emissiveColor", tuple(files), background_color=(0.0, 0.0, 0.3, 1.0))]
+        if companions:
+            maps.append(UmbrellaMap("Normal", "normal", tuple(files), "raw", is_biased=True, has_colors=False))
+        path = tmp_path / f"ground{companions}.usda"
+        stage = create_stage(path, folder, ground.arrangement(60), names, maps)
+        for light in ("Light", "Sun"):
+            stage.RemovePrim(f"/World/{light}")
+        UsdLux.DomeLight.Define(stage, "/World/Dark").CreateIntensityAttr(0.0)
+        stage.GetRootLayer().Save()
+        pictures.append(fexel.render(str(path), camera="Overview", width=96, aovs=("color",))["color"])
+    assert np.abs(pictures[0] - pictures[1]).max() < 0.01 < pictures[0][..., :3].std()

@@ -198,7 +198,9 @@ def test_flight_goes_from_one_element_to_the_horizon(author):
         view = transform.TransformDir(Gf.Vec3d(0, 0, -1))
         heights.append(transform.ExtractTranslation()[1])
         pitches.append(np.degrees(np.arcsin(-view[1])))
-    assert np.allclose(np.diff(np.log(heights)), np.diff(np.log(heights))[0]), "magnification changes at a constant rate"
+    assert np.allclose(np.diff(np.log(heights)), np.diff(np.log(heights))[0]), (
+        "magnification changes at a constant rate"
+    )
     assert (np.diff(heights) > 0).all() and (np.diff(pitches) < 0).all()
     half_height = np.degrees(np.arctan(0.5 * camera.verticalAperture / camera.focalLength))
     assert pitches[-1] < half_height < pitches[0]

@@ -8,7 +8,8 @@
         Normal, Roughness        UmbrellaTextures of companion maps, where there are any: the same arrangement
       Surface                    the ground: st in [0, 1], one unit along t, square cells of the grid
       Surroundings               the same texture on, around it, as far as the horizon
-      Light                      DomeLight of radiance 1: a matt ground shows the texture's own colours
+      Light                      DomeLight of radiance 1: a matt ground shows the texture's own colours; with a normal
+                                 map half of it, and a `Sun`
       Cameras/Flight             over frames 1 to 48 from the veins of one element to the horizon; what renderers take
       Cameras/Overview, Detail   the whole, one element, from above
 
@@ -28,7 +29,7 @@ from pxr import Gf, Sdf, Usd, UsdLux, UsdShade, Vt
 import fexel
 from fexel.textures.umbrella import DIGEST_KEY
 from fexel.textures.umbrella_arrangement import Arrangement
-from fexel_tools.geometry import Surface, define_surface
+from fexel_tools.geometry import Surface, define_surface, look_at
 from fexel_tools.texture_stage import MATERIALS, begin_stage, define_preview_surface, finish_stage
 from fexel_tools.umbrella_cameras import ASPECT, FRAMES, HORIZON_CELLS, ground_cameras, world_point
 
@@ -38,6 +39,7 @@ MATERIAL_PATH = f"{MATERIALS}/Umbrella"
 _FRAMES_PER_SECOND = 24.0
 _MOST_NUMBERS_AS_TEXT = 20_000
 _ARRANGEMENT_FILE, _ARRANGEMENT_PATH = "arrangement.usdc", "/Arrangement"
+_SUN_SHARE = 0.5  # of the light on a level ground with relief
 _GREY = 0.5  # diffuse colour of a surface whose texture is not its colour
 _FLOAT, _FLOAT3 = Sdf.ValueTypeNames.Float, Sdf.ValueTypeNames.Float3
 _TYPES = {
@@ -149,7 +151,8 @@ def create_stage(
         _connect(stage, surface, each)
     finish_stage(stage, ground, material, ground_cameras(arrangement), ASPECT)
     define_surface(stage, "/World/Surroundings", _surroundings(arrangement.grid), material)
-    UsdLux.DomeLight.Define(stage, "/World/Light").CreateIntensityAttr(1.0)
+    has_relief = any(each.drives == "normal" for each in maps)
+    _define_lights(stage, arrangement.shadow_offset, arrangement.grid, has_relief)
     return stage
 
 
@@ -196,6 +199,27 @@ def _define_merged(author: fexel.UmbrellaLevel, merged: Arrangement) -> None:
     author.CreateColorsAttr(Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(merged.colors, np.float32)))
     if len(merged.coverages):
         author.CreateCoveragesAttr(Vt.FloatArray.FromNumpy(merged.coverages.astype(np.float32)))
+
+
+def _define_lights(
+    stage: Usd.Stage, shadow_offset: tuple[float, float], grid: tuple[int, int], has_relief: bool
+) -> None:
+    """A dome; where there are normals, which a dome alone does not show, half of its light is a sun's.
+
+    The sun stands opposite to where shadows fall, at 45 degrees.
+    """
+    share = _SUN_SHARE if has_relief else 0.0
+    UsdLux.DomeLight.Define(stage, "/World/Light").CreateIntensityAttr(1.0 - share)
+    if not has_relief:
+        return
+    falls = world_point(0.5 + np.array(shadow_offset), grid)
+    length = float(np.linalg.norm(falls))
+    towards = -falls / length if length > 0.0 else np.array([-0.6, 0.0, -0.8])
+    sun = UsdLux.DistantLight.Define(stage, "/World/Sun")
+    sun.CreateNormalizeAttr(True)
+    sun.CreateIntensityAttr(np.pi * share * np.sqrt(2.0))  # irradiance across its rays, 45 degrees off the ground's
+    up = np.array([0.0, 1.0, 0.0])
+    sun.AddTransformOp().Set(look_at(towards + up, np.zeros(3), up))
 
 
 def _define_material(stage: Usd.Stage, maps: Sequence[UmbrellaMap]) -> tuple[UsdShade.Material, UsdShade.Shader]:
