@@ -1,7 +1,7 @@
 """Speed against error of umbrellas: CPU time of a frame and CIEDE2000 against supersampling, by footprint.
 
 The fall leaves turned by 20 degrees, 256 x 256 pixels, through the renderer's own path: with the level of detail that
-the command makes, as umbrellas at every footprint, with merged umbrellas, and as an explicit mip-mapped texture.
+the command makes, without any, with merged umbrellas, and as an explicit mip-mapped texture.
 Times are taken in turns within one run.
 """
 
@@ -92,7 +92,7 @@ def _textures(folder: Path, ground: Ground) -> dict[str, Texture]:
     stage = zipmap_stage(Patch(str(folder / "explicit.tif"), np.eye(3), color_space="sRGB"), wrap="repeat")
     return {
         _OURS: ground.texture,
-        "umbrellas alone": replace(ground.texture, data=replace(data, levels=())),
+        "umbrellas without levels": replace(ground.texture, data=replace(data, levels=())),
         "umbrellas, fitted merged levels": merged_leaves_ground(folder / "merged", "fitted", 8).texture,
         _EXPLICIT: zipmap_texture(stage),
     }
