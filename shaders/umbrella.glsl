@@ -1,11 +1,11 @@
 // Umbrella textures (Just-in-time texture synthesis 2012): a few patches, many times placed and varied, composed per pixel.
 // Requires texture_data.glsl, common_footprint.glsl, common_wrap.glsl, image.glsl. Provides umbrella_sample, umbrella_nested.
 //
-// Defines: UMBRELLA_SLOTS textures of the material; UMBRELLA_DRAWN 1 where the view sees umbrellas, UMBRELLA_MERGED most coarser
-// arrangements it sees besides, UMBRELLA_PICTURE 1 where it sees a prefiltered picture; UMBRELLA_PROBES 1 for anisotropic filtering; and what the umbrellas of any slot use:
-// UMBRELLA_SHADOWS, UMBRELLA_COLORS vertex colours, UMBRELLA_ALPHA images with alpha, UMBRELLA_COVERAGES below 1,
-// UMBRELLA_VECTORS, UMBRELLA_SCALED a scale or bias, UMBRELLA_OUTSIDE a wrap mode black, UMBRELLA_PERSPECTIVE a projective map
-// to st; see also umbrella_search.glsl.
+// Defines: UMBRELLA_SLOTS textures of the material; UMBRELLA_DRAWN 1 where the view sees umbrellas, UMBRELLA_MERGED most
+// coarser arrangements it sees besides, UMBRELLA_PICTURE 1 where it sees a prefiltered picture; UMBRELLA_PROBES 1 for
+// anisotropic filtering; and what the umbrellas of any slot use: UMBRELLA_SHADOWS, UMBRELLA_COLORS vertex colours,
+// UMBRELLA_ALPHA images with alpha, UMBRELLA_COVERAGES below 1, UMBRELLA_VECTORS, UMBRELLA_SCALED a scale or bias,
+// UMBRELLA_OUTSIDE a wrap mode black, UMBRELLA_PERSPECTIVE a projective map to st; see also umbrella_search.glsl.
 //
 // Record, written by fexel/textures/umbrella_binding.py:
 //   0  position.x * w from (s, t, 1) in cells of the arrangement, less base.x * w; base.x
@@ -15,9 +15,9 @@
 //   4  bins and slices of the tables; colour blend; codes = wrap mode along s + 4 * along t + 16 * log2 of a row of the float
 //      page's texels + 512 * log2 of one of the half page's
 //   5  shadow offset in cells; strength; record of the first base image
-//   6  records of the background and of the picture; texels of the record of a base image; texels of an entry
+//   6  records of the background and of the picture; texels of the record of an image; texels of an entry
 //   7  w from (s, t, 1)
-//   8  coarser arrangements that follow, each with a record of its own; level of this one; level of the picture; 1 if there is one
+//   8  coarser arrangements that follow, each with a record; level of this one; level of the picture; 1 if there is one
 //   9  scale
 //  10  bias
 // The first UMBRELLA_CONSTANTS also come as flat varyings, from UMBRELLA_FLAT on, for the first UMBRELLA_FLATS textures of the
@@ -197,7 +197,8 @@ vec4 umbrella_lookup(bool isFlat, int place, int record, vec2 st, vec2 dstdx, ve
     vec2 turned = vec2(s.z < 0.0 ? -1.0 : 1.0, t.z < 0.0 ? -1.0 : 1.0);
     vec2 uv = vec2(s.x + s.y, t.x + t.y) / at.cells;
     float pictureLod;
-    vec4 picture = image_sample(look.picture, uv, turned * at.dx / at.cells, turned * at.dy / at.cells, umbrellaMaxProbes, pictureLod);
+    vec4 picture = image_sample(look.picture, uv, turned * at.dx / at.cells, turned * at.dy / at.cells, umbrellaMaxProbes,
+                                pictureLod);
 #if UMBRELLA_DRAWN
     bool isThere = levels.w > 0.0;
     blend = isThere ? blend : 0.0;

@@ -254,7 +254,8 @@ vec4 umbrella_compose(UmbrellaLook look, vec2 relative, vec2 base, vec2 dx, vec2
             vec4 center = umbrella_color(look, begin);
             vec4 colorA = umbrella_color(look, begin + at.vertices.x);
             vec4 colorB = umbrella_color(look, begin + at.vertices.y);
-            vec3 offset = (1.0 - first.place.x - first.place.y) * center.rgb + first.place.x * colorA.rgb + first.place.y * colorB.rgb;
+            float inner = 1.0 - first.place.x - first.place.y;
+            vec3 offset = inner * center.rgb + first.place.x * colorA.rgb + first.place.y * colorB.rgb;
             vec3 varied = texel.rgb + look.colorBlend * texel.a * offset;
             index = look.colorRowBits > 0 ? center.a + 2048.0 * colorA.a : index;
 #else
