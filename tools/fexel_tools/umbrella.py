@@ -40,7 +40,7 @@ from fexel_tools.umbrella_textures import write_background, write_bases
 
 __all__ = ["make_umbrella"]
 
-_FALLBACK_SAMPLES = 4  # per axis and pixel
+_FALLBACK_SAMPLES = 3  # per axis and pixel
 
 
 @dataclass(frozen=True)
