@@ -134,3 +134,67 @@ def test_stage_without_texture_says_so_and_a_missing_one_is_an_error(tmp_path):
     assert "no fexel texture" in CliRunner().invoke(app, ["info", str(tmp_path / "bare.usda")]).output
     with pytest.raises(FexelError, match="no such file"):
         inspect_stage(tmp_path / "gone.usda")
+
+
+@pytest.fixture
+def umbrella_file(tmp_path):
+    for name, size in (("a", (16, 20)), ("b", (30, 12)), ("far", (8, 8))):
+        write_image(tmp_path / f"{name}.png", np.zeros((size[1], size[0], 3), np.uint8))
+    stage = Usd.Stage.CreateNew(str(tmp_path / "u.usda"))
+    texture = fexel.UmbrellaTexture.Define(stage, "/Lawn")
+    texture.CreateGridAttr(Gf.Vec2i(6, 4))
+    texture.CreatePatchIndicesAttr([0, 1, 2, 1, 0])
+    for name, file, count in (("A", "a", 5), ("B", "b", 7), ("C", "a", 4)):
+        patch = fexel.UmbrellaPatch.Define(stage, f"/Lawn/{name}")
+        patch.CreateFileAttr(Sdf.AssetPath(f"./{file}.png"))
+        patch.CreatePointsAttr([Gf.Vec2f(k, k * k) for k in range(count)])
+    for number, file, indices in ((2, "far.png", []), (1, "", [-1, -1, -1])):
+        level = fexel.UmbrellaLevel.Define(stage, f"/Lawn/Level{number}")
+        level.CreateLevelAttr(number)
+        level.CreateGridAttr(Gf.Vec2i(6 >> number, 4 >> number))
+        level.CreatePatchIndicesAttr(indices)
+        if file:
+            level.CreateFileAttr(Sdf.AssetPath(f"./{file}"))
+    stage.Save()
+    return tmp_path / "u.usda"
+
+
+def test_umbrellas_are_counted_and_files_of_their_parts_summed_up(umbrella_file):
+    (texture,) = inspect_stage(umbrella_file)
+    (lawn,) = texture.patches
+    assert lawn.facts == {
+        "umbrellas": 5,
+        "bases": 3,
+        "vertices": 7,
+        "grid": [6, 4],
+        "levels": [
+            {"level": 1, "grid": [3, 2], "umbrellas": 3},
+            {"level": 2, "grid": [1, 1], "umbrellas": None},
+        ],
+    }
+    parts = {part.type: part for part in lawn.parts}
+    bases = parts["UmbrellaPatch"]
+    assert (bases.files, bases.smallest, bases.largest) == (2, (16, 20), (30, 12))
+    assert bases.bytes_resident == 4 * (mip_texels(16, 20) + mip_texels(30, 12))
+    assert parts["UmbrellaLevel"].largest == (8, 8)
+    assert lawn.bytes_on_disk >= texture.bytes_on_disk == sum(part.bytes_on_disk for part in lawn.parts)
+
+
+def test_lines_about_umbrellas_are_short(umbrella_file):
+    result = CliRunner().invoke(app, ["info", str(umbrella_file)])
+    assert result.exit_code == 0, result.output
+    _, row, facts, summary = result.output.splitlines()
+    assert "2 files of UmbrellaPatch, 16 x 20 to 30 x 12" in row and len(row) < 200
+    assert "5 umbrellas of 3 bases with up to 7 vertices, grid 6 x 4" in facts
+    assert "1 (3 umbrellas, grid 3 x 2), 2 (image, grid 1 x 1)" in facts
+    assert "patches" not in summary and "on disk" in summary
+    (described,) = json.loads(CliRunner().invoke(app, ["info", "--json", str(umbrella_file)]).output)
+    assert described["patches"][0]["facts"]["umbrellas"] == 5
+
+
+def test_umbrellas_with_nothing_authored_are_told_without_a_crash(tmp_path):
+    stage = Usd.Stage.CreateNew(str(tmp_path / "e.usda"))
+    fexel.UmbrellaTexture.Define(stage, "/Empty")
+    fexel.UmbrellaLevel.Define(stage, "/Empty/Level1")
+    (texture,) = inspect_stage(stage)
+    assert "0 umbrellas of 0 bases" in texture.patches[0].description

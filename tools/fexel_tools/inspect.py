@@ -4,12 +4,20 @@ Resolution gained is the number of a patch's texels per texel of the root at the
 (geometric mean of both). Bytes on disk count each file once. Bytes resident are those of all mip levels of all
 textures at full resolution in the renderer's formats, each file once: the most that a frame can ever need, not what
 one does.
+
+A kind may have more to tell: its module ``<kind>_info``, found by the kind's name, has ``facts(prim)``, what
+`PatchInfo` keeps, and ``describe(facts)``, a line for people.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import functools
+import importlib
+import importlib.util
+from dataclasses import dataclass, field
 from pathlib import Path
+from types import ModuleType
+from typing import Any
 
 import numpy as np
 from pxr import Sdf, Usd, UsdShade
@@ -22,8 +30,32 @@ from fexel.schema.definition import parts_of
 from fexel.schema.wrapper import is_a
 from fexel.schema.zipmap import patches_of
 from fexel.stage import open_stage
+from fexel.textures import texture_kind
 
-__all__ = ["PatchInfo", "TextureInfo", "inspect_stage", "texture_roots", "zipmap_roots"]
+__all__ = ["PartsInfo", "PatchInfo", "TextureInfo", "inspect_stage", "texture_roots", "zipmap_roots"]
+
+
+@dataclass(frozen=True)
+class PartsInfo:
+    """Files of a texture's parts of one type: child prims that are no textures themselves.
+
+    Attributes
+    ----------
+    type : str
+        Schema name.
+    files : int
+        Each counted once.
+    smallest, largest : (int, int) or None
+        Texels of the file with the fewest and the most; None when no file can be read.
+    bytes_on_disk, bytes_resident : int
+    """
+
+    type: str
+    files: int
+    smallest: tuple[int, int] | None
+    largest: tuple[int, int] | None
+    bytes_on_disk: int
+    bytes_resident: int
 
 
 @dataclass(frozen=True)
@@ -52,6 +84,12 @@ class PatchInfo:
         (``leaf.file``): texels, None when unreadable.
     problem : str
         What is wrong with a file, or ''.
+    parts : tuple of PartsInfo
+        Those of `others` that child prims name, summed up.
+    facts : dict
+        What its kind tells besides, see `fexel_tools.umbrella_info`; empty when it has nothing to tell.
+    description : str
+        `facts` as a line for people.
     """
 
     path: str
@@ -66,6 +104,9 @@ class PatchInfo:
     bytes_resident: int
     others: dict[str, tuple[int, int] | None]
     problem: str = ""
+    parts: tuple[PartsInfo, ...] = ()
+    facts: dict[str, Any] = field(default_factory=dict)
+    description: str = ""
 
 
 @dataclass(frozen=True)
@@ -160,6 +201,8 @@ def _inspect_patch(patch: fexel.Patch, before: list[PatchInfo], files: dict[str,
     others = {name: _file(attribute, files) for name, attribute in _other_files(patch.prim).items()}
     size = (file.info.width, file.info.height) if file.info else (None, None)
     problems = [f"{name} {path}: {other.problem}" for name, (path, other) in others.items() if other.problem]
+    kind_info = _kind_info(texture_kind(patch.prim) or "")
+    facts = kind_info.facts(patch.prim) if kind_info else {}
     return PatchInfo(
         path=str(patch.path),
         type=str(patch.prim.GetTypeName()),
@@ -173,6 +216,37 @@ def _inspect_patch(patch: fexel.Patch, before: list[PatchInfo], files: dict[str,
         bytes_resident=file.resident + sum(other.resident for _, other in others.values()),
         others={name: (o.info.width, o.info.height) if o.info else None for name, (_, o) in others.items()},
         problem=file.problem or "; ".join(problems),
+        parts=_parts(patch.prim, files),
+        facts=facts,
+        description=kind_info.describe(facts) if kind_info else "",
+    )
+
+
+@functools.cache
+def _kind_info(kind: str) -> ModuleType | None:
+    """The module in which a kind tells more of its textures."""
+    name = f"fexel_tools.{kind}_info"
+    return importlib.import_module(name) if importlib.util.find_spec(name) else None
+
+
+def _parts(prim: Usd.Prim, files: dict[str, _File]) -> tuple[PartsInfo, ...]:
+    found: dict[str, dict[str, _File]] = {}
+    for part in parts_of(prim):
+        for attribute in _assets(part):
+            path, file = _file(attribute, files)
+            found.setdefault(str(part.GetTypeName()), {})[attribute.Get().resolvedPath or path] = file
+    return tuple(_summed(name, list(each.values())) for name, each in found.items())
+
+
+def _summed(name: str, files: list[_File]) -> PartsInfo:
+    sizes = sorted(((f.info.width, f.info.height) for f in files if f.info), key=lambda size: size[0] * size[1])
+    return PartsInfo(
+        type=name,
+        files=len(files),
+        smallest=sizes[0] if sizes else None,
+        largest=sizes[-1] if sizes else None,
+        bytes_on_disk=sum(f.disk for f in files),
+        bytes_resident=sum(f.resident for f in files),
     )
 
 

@@ -20,7 +20,7 @@ def _info(
     stage: Annotated[Path, typer.Argument(help="USD stage: .usd, .usda, .usdc or .usdz.", show_default=False)],
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
 ) -> None:
-    """Show a stage's textures: patches, nesting, resolution gained, bytes on disk and resident.
+    """Show a stage's textures: patches, nesting, umbrellas, resolution gained, bytes on disk and resident.
 
     Gained: texels per root texel along an axis. Resident: bytes of all mip levels at full resolution, the most that a
     picture can need. Exit status 0 also when images are missing; those are marked.
@@ -52,7 +52,7 @@ def _show(texture: Any) -> None:
         name = "  " * patch.depth + (patch.path.rpartition("/")[2] if patch.depth else texture.path)
         size = f"{patch.width} x {patch.height}" if patch.width else "-"
         gain = f"{patch.gain:.2f}" if patch.gain is not None else "-"
-        file = Text(" ".join([patch.file or "-", *(_other(name, other) for name, other in patch.others.items())]))
+        file = Text(" ".join([patch.file or "-", *_others(patch), *map(_parts, patch.parts)]))
         if patch.problem:
             file.append(f"  ({patch.problem})", style="bold red")
         disk, resident = _bytes(patch.bytes_on_disk), _bytes(patch.bytes_resident)
@@ -60,21 +60,44 @@ def _show(texture: Any) -> None:
     if not console.is_terminal:
         console.width = 1000  # a pipe has no width: lines are not broken
     console.print(table)
+    for patch in texture.patches:
+        if patch.description:
+            console.print(Text(f"{patch.path}: {patch.description}"))
     console.print(Text(_summary(texture)))
 
 
-def _other(name: str, size: tuple[int, int] | None) -> str:
-    return f"+ {name} {size[0]} x {size[1]}" if size else f"+ {name}"
+def _others(patch: Any) -> list[str]:
+    """The patch's own files besides the first; those of its parts are summed up."""
+    own = {name: size for name, size in patch.others.items() if "." not in name}
+    return [f"+ {name} {size[0]} x {size[1]}" if size else f"+ {name}" for name, size in own.items()]
+
+
+def _parts(parts: Any) -> str:
+    """Files of parts of one type."""
+    files = f"+ {parts.files} {'file' if parts.files == 1 else 'files'} of {parts.type}"
+    if not parts.largest:
+        return files
+    sizes = [f"{width} x {height}" for width, height in dict.fromkeys((parts.smallest, parts.largest))]
+    return f"{files}, {' to '.join(sizes)}, {_bytes(parts.bytes_on_disk)}"
 
 
 def _summary(texture: Any) -> str:
-    count = len(texture.patches) - 1
     size = f" ({texture.fallback_size[0]} x {texture.fallback_size[1]})" if texture.fallback_size else " (missing)"
+    return (
+        f"{_nesting(texture)}{_bytes(texture.bytes_on_disk)} on disk, "
+        f"{_bytes(texture.bytes_resident)} resident at full resolution; "
+        f"fallback: {texture.fallback + size if texture.fallback else 'none'}"
+    )
+
+
+def _nesting(texture: Any) -> str:
+    """Nothing of a texture without patches whose kind has other things to tell."""
+    count = len(texture.patches) - 1
+    if not count and texture.patches and texture.patches[0].description:
+        return ""
     return (
         f"{count} {'patch' if count == 1 else 'patches'}, nested {texture.depth} deep, "
         f"up to {texture.largest_gain:.2f} times the root's resolution; "
-        f"{_bytes(texture.bytes_on_disk)} on disk, {_bytes(texture.bytes_resident)} resident at full resolution; "
-        f"fallback: {texture.fallback + size if texture.fallback else 'none'}"
     )
 
 
