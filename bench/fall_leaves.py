@@ -3,8 +3,8 @@
 After table 1 and section 7.1 of "Just-in-time texture synthesis" (2012): b = 9 base umbrellas of v = 63 vertices with
 textures of 256 x 256, n = 6100; umbrellas as long as make a cell list 19 of them on average, 27 at most. Maples, oaks
 and ovate leaves with veins, patches of colour and the noise of photographs, whose amplitude falls as one over
-frequency; every umbrella has an offset, a gradient and a morph of its own. Nothing here uses the authoring tools, so
-that figures compare over time.
+frequency; every umbrella has an offset, a gradient and a morph of its own. Nothing here uses the authoring tools,
+but to continue colours past outlines, so that figures compare over time.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from bench.pinchmap_texture import save_texels
 from fexel.images import linear_to_srgb, srgb_to_linear
 from fexel.textures.image_source import ImageSource
 from fexel.textures.umbrella_arrangement import Arrangement, Shape
+from fexel_tools.color_bleed import bleed_color
 from fexel_tools.texture_files import write_texture
 
 __all__ = ["FallLeaves", "cell_counts", "cutouts", "fall_leaves"]
@@ -172,7 +173,7 @@ class _Leaf:
         return Shape(points, morphed, tex_coords, image)
 
     def picture(self, size: int, rng: np.random.Generator) -> np.ndarray:
-        """(size, size, 3) linear; goes on past the outline, as padded pictures do."""
+        """(size, size, 3) linear; past the outline continued as the command continues the colours of bases."""
         x, y = self._places(size)
         radius, angle = np.hypot(x, y), np.arctan2(y, x)
         edge = np.clip(radius / self.reach(angle), 0, 1)
@@ -181,7 +182,8 @@ class _Leaf:
         veins = self._veins(x, y)[..., None]
         color = color * (1 - 0.4 * edge[..., None] ** 5) + veins * (np.array([0.20, 0.17, 0.06]))
         spots = np.clip(_noise(rng, size, 1.4) - 1.6, 0, 1)[..., None]
-        return srgb_to_linear(np.clip(color * (1 - 0.5 * spots), 0, 1).astype(np.float32))
+        linear = srgb_to_linear(np.clip(color * (1 - 0.5 * spots), 0, 1).astype(np.float32))
+        return bleed_color(linear, self.opacity(size), trusted_alpha=1.0)
 
     def opacity(self, size: int) -> np.ndarray:
         """(size, size) in [0, 1]: 1 inside the outline, a pixel wide at its edge."""

@@ -70,8 +70,8 @@ UmbrellaTexel umbrella_texel_place(UmbrellaLook look, int shape, float sector, v
 vec4 umbrella_image(UmbrellaLook look, UmbrellaTexel at, int record, out float level)
 {
     Image image = image_open(record);
-    level = isotropic_level(at.dx * image.size, at.dy * image.size) - image.bias;
-    vec4 texel = image_at_level(image, at.uv, level);
+    level = isotropic_level(at.dx * image.size, at.dy * image.size);
+    vec4 texel = image_at_level(image, at.uv, level - image.bias);
     return at.image < 0.0 ? vec4(0.0, 0.0, 0.0, 1.0) : texel;
 }
 

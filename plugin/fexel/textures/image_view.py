@@ -32,17 +32,17 @@ class ImageView:
         Number in the pool.
     finest, coarsest : int
         Mip levels that are seen.
-    bias : int
+    bias : float
         How many mip levels finer than by its size it is read.
     """
 
     image: int
     finest: int
     coarsest: int
-    bias: int = 0
+    bias: float = 0.0
 
     @classmethod
-    def of(cls, pool: TexturePool, image: int, lod_low: float, lod_high: float, bias: int = 0) -> ImageView:
+    def of(cls, pool: TexturePool, image: int, lod_low: float, lod_high: float, bias: float = 0.0) -> ImageView:
         """The levels that a range of real-valued mip levels needs, before the bias."""
         lod_low, lod_high = lod_low - bias, lod_high - bias
         last = min(pool.facts(image).last_level, MAX_LEVELS - 1)

@@ -28,6 +28,7 @@ from fexel.textures.umbrella_merged import read_level
 from fexel.textures.umbrella_patch import PatchArrays, read_patch
 
 __all__ = [
+    "BASE_IMAGE_BIAS",
     "DIGEST_KEY",
     "LEVEL_IMAGE_BIAS",
     "PRIM_TYPES",
@@ -41,6 +42,10 @@ PRIM_TYPES = ("UmbrellaTexture",)
 
 DIGEST_KEY = "fexel:arrangement"
 """In the customData of an UmbrellaLevel: `level_digest` of the texture that it was made from."""
+
+BASE_IMAGE_BIAS = 0.5
+"""How many mip levels finer than other images those of bases are read: umbrellas are a few texels wide where they are
+small, and two levels blended are softer than a pixel."""
 
 LEVEL_IMAGE_BIAS = 1
 """How many mip levels finer than other images the image of a level is read: its texels are then half a pixel wide, and

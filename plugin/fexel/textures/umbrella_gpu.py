@@ -20,7 +20,7 @@ from fexel.textures.page_format import FLOAT, HALF
 from fexel.textures.pool import TexturePool
 from fexel.textures.pyramid_cache import PyramidCache
 from fexel.textures.residency import PairView, view_pairs
-from fexel.textures.umbrella import UmbrellaData
+from fexel.textures.umbrella import BASE_IMAGE_BIAS, UmbrellaData
 from fexel.textures.umbrella_arrangement import Arrangement
 from fexel.textures.umbrella_binding import (
     ArrangementPlaces,
@@ -217,7 +217,7 @@ def _drawn(data: UmbrellaData, view: LevelView, low: float, path: str, pool: Tex
     ]
     scales = texel_scales(arrangement, [pool.facts(number).size for number in numbers])
     bases = tuple(
-        ImageView.of(pool, number, low + own_grid.min() + least, until + most)
+        ImageView.of(pool, number, low + own_grid.min() + least, until + most, BASE_IMAGE_BIAS)
         for number, (least, most) in zip(numbers, scales, strict=True)
     )
     for base in bases:

@@ -22,7 +22,7 @@ from fexel.textures.footprint import Footprint
 from fexel.textures.image_source import BIAS_ZERO, SCALE_ONE
 from fexel.textures.pinchmap_lattice import blocks
 from fexel.textures.pyramid_cache import PyramidCache
-from fexel.textures.umbrella import LEVEL_IMAGE_BIAS, UmbrellaData, UmbrellaLevelData
+from fexel.textures.umbrella import BASE_IMAGE_BIAS, LEVEL_IMAGE_BIAS, UmbrellaData, UmbrellaLevelData
 from fexel.textures.umbrella_arrangement import Arrangement
 from fexel.textures.umbrella_images import TwinImage
 from fexel.textures.umbrella_layers import ArrangementTwin
@@ -77,7 +77,7 @@ class UmbrellaTwin:
         known = {}
         for shape, path in zip(arrangement.shapes, paths or [""] * len(arrangement.shapes), strict=True):
             if shape.image is not None and shape.image not in known:
-                known[shape.image] = TwinImage(shape.image, path, self._cache)
+                known[shape.image] = TwinImage(shape.image, path, self._cache, finer=BASE_IMAGE_BIAS)
         return [None if shape.image is None else known[shape.image] for shape in arrangement.shapes]
 
     def _level(self, level: UmbrellaLevelData) -> _Level | None:
