@@ -13,7 +13,7 @@ import numpy as np
 from fexel.errors import FexelError
 from fexel.images import srgb_to_linear
 from fexel_tools.umbrella_arrange import ArrangeOptions
-from fexel_tools.umbrella_background import AUTO, NONE
+from fexel_tools.umbrella_background import AUTO, CELL_TEXELS, NONE
 from fexel_tools.umbrella_elements import KINDS
 
 __all__ = [
@@ -57,6 +57,8 @@ class UmbrellaOptions:
         Mean number of umbrellas over a point.
     background : str or 4 floats
         ``auto``, ``none``, an image, or a colour: linear, straight alpha.
+    background_size : float
+        Texels of the background's picture on a side of a cell.
     seed : int
     kind : str
         What the inputs are: ``auto``, ``cutout``, ``object`` or ``many``.
@@ -108,6 +110,7 @@ class UmbrellaOptions:
     count: int | None = None
     layers: float = ArrangeOptions.layers
     background: str | Color = AUTO
+    background_size: float = CELL_TEXELS
     seed: int = 0
     kind: str = "auto"
     vertices: int = 63
@@ -178,6 +181,7 @@ def check_options(options: UmbrellaOptions) -> None:
         ("--grid", max(options.grid), 1, _MOST_CELLS),
         ("--vertices", options.vertices, *_VERTICES),
         ("--texture-size", options.texture_size, *_TEXTURE_SIZES),
+        ("--background-size", options.background_size, 1, 1024),
         ("--color-blend", options.color_blend, 0.0, 1.0),
         ("--morph", options.morph, 0.0, 1.0),
         ("--shadow-strength", options.shadow_strength, 0.0, 1.0),

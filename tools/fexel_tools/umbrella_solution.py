@@ -31,7 +31,7 @@ from fexel_tools.umbrella_options import UmbrellaOptions
 
 __all__ = ["STEPS", "Ground", "compute_ground"]
 
-STEPS = ("read", "bases", "diversify", "textures", "stage", "levels", "fallback", "measure")
+STEPS = ("read", "bases", "diversify", "textures", "stage", "fallback", "levels", "measure")
 """Phases of a ground, in order; `compute_ground` has the first three."""
 
 _RESERVED = ("Fallback", "Level", "background", "fallback", "level", "arrangement")  # other prims and files begin so
@@ -100,7 +100,13 @@ def compute_ground(files: Sequence[str], options: UmbrellaOptions, phases: Phase
         if "shape" in options.diversify:
             bases = with_morphs(bases, MorphOptions(1.0, options.vertices, options.seed))
         arrangement = _arranged(bases, options)
-        background = choose_background(options.background, sources, options.grid, is_data=options.is_data)
+        background = choose_background(
+            options.background,
+            sources,
+            options.grid,
+            is_data=options.is_data,
+            cell_texels=options.background_size,
+        )
     return Ground(tuple(sources), tuple(elements), tuple(bases), _names(bases), arrangement, background)
 
 

@@ -45,6 +45,14 @@ def _umbrella(
             show_default=False,
         ),
     ] = "auto",
+    background_size: Annotated[
+        float,
+        typer.Option(
+            "--background-size",
+            "--backgroundSize",
+            help="Texels of the background's picture on a side of a cell; it repeats at its own resolution.",
+        ),
+    ] = 32.0,
     seed: Annotated[int, typer.Option("--seed", help="The same seed gives the same bytes.")] = 0,
     kind: Annotated[
         str, typer.Option("--kind", help="What the files are: auto, cutout (alpha), object (plain ground) or many.")
@@ -169,6 +177,7 @@ def _umbrella(
         count=count,
         layers=layers,
         background=spelled.parse_background(background),
+        background_size=background_size,
         seed=seed,
         kind=kind,
         vertices=vertices,
