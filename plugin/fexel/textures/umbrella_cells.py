@@ -114,6 +114,7 @@ def build_cells(
     *,
     opaque: NDArray[np.bool_] | None = None,
     cull: bool = True,
+    shadows: bool = True,
 ) -> Cells:
     """List the umbrellas of each cell of a grid.
 
@@ -129,6 +130,8 @@ def build_cells(
         is 1 as well.
     cull : bool
         Leave out what cannot be seen.
+    shadows : bool
+        List what casts them as well.
 
     Returns
     -------
@@ -139,7 +142,8 @@ def build_cells(
     margins = np.broadcast_to(np.asarray(margin, np.float64), 2) * (columns, rows)
     grid = Grid(columns, rows, margins)
     hides = _hides(arrangement, opaque)
-    offset = np.array(arrangement.shadow_offset) * grid.scale if arrangement.shadow_strength > 0 else None
+    casts = shadows and arrangement.shadow_strength > 0
+    offset = np.array(arrangement.shadow_offset) * grid.scale if casts else None
     is_star = Sectors(arrangement).is_star
     closed, dark = np.zeros(columns * rows, bool), np.zeros(columns * rows, bool)
     parts: list[_Entries] = []

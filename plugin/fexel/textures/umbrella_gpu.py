@@ -6,8 +6,10 @@ its list must serve, and which mip levels of images it needs.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection
 from dataclasses import dataclass, replace
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -41,8 +43,9 @@ __all__ = ["bind", "plan"]
 _SOFT = 0.7  # pixels beyond its contour that an umbrella is seen; at tips one, but hardly
 _LIST_LENGTH = 2.5
 _FEWEST_CELLS, _MOST_CELLS, _CELLS_PER_UMBRELLA = 1 << 14, 1 << 18, 16  # for memory: a list entry is 48 bytes
-_FOOTPRINT_STEP = 0.5  # octaves from one margin of lists to the next
-_FINEST_FOOTPRINT = -8.0  # log2 of cells per pixel
+_LEAST_MARGIN = -3  # log2 of cells of lists: below it lists are hardly shorter, and every view has the same
+
+_lists: WeakKeyDictionary[Arrangement, tuple[tuple[int, int], float]] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,16 +203,13 @@ def _drawn(data: UmbrellaData, view: LevelView, low: float, path: str, pool: Tex
     arrangement, reader, cache = view.arrangement, pool.reader(ArrangementTexels), pool.reader(PyramidCache)
     own_grid = np.log2(np.array(arrangement.grid) / data.arrangement.grid)
     until = view.until + own_grid.max()
-    octave = max(np.ceil(until / _FOOTPRINT_STEP) * _FOOTPRINT_STEP, _FINEST_FOOTPRINT)
-    margin = _SOFT * min(2.0**octave, umbrella_cells(arrangement)) / np.array(arrangement.grid)
+    size, margin = _list_layout(arrangement, until)
     colored = bool(arrangement.colors.any()) and arrangement.color_blend != 0
     paths = data.paths if arrangement is data.arrangement and data.paths else (path,) * len(arrangement.shapes)
     opaque = tuple(
         _is_opaque(shape.image, where, cache) for shape, where in zip(arrangement.shapes, paths, strict=True)
     )
-    source = ArrangementSource(
-        arrangement, _grid_size(arrangement), (float(margin[0]), float(margin[1])), opaque, colored
-    )
+    source = ArrangementSource(arrangement, size, margin, opaque, colored)
     texels = _ask_whole(pool, pool.image(source, path, reader))
     colors = _ask_whole(pool, pool.image(ColorSource(arrangement), path, reader)) if colored else -1
     numbers = [
@@ -225,10 +225,19 @@ def _drawn(data: UmbrellaData, view: LevelView, low: float, path: str, pool: Tex
     return _Drawn(view, source, reader.layout(source), texels, colors, bases)
 
 
-def _grid_size(arrangement: Arrangement) -> tuple[int, int]:
-    """Cells along s and t that lists are made for."""
-    most = min(max(_CELLS_PER_UMBRELLA * len(arrangement), _FEWEST_CELLS), _MOST_CELLS)
-    return fine_size(arrangement, _LIST_LENGTH, most)
+def _list_layout(arrangement: Arrangement, until: float) -> tuple[tuple[int, int], tuple[float, float]]:
+    """Cells along s and t that lists are made for, and their margin in st, in steps of octaves: views share lists.
+
+    `until` is log2 of cells of the arrangement's grid per pixel.
+    """
+    if arrangement not in _lists:
+        most = min(max(_CELLS_PER_UMBRELLA * len(arrangement), _FEWEST_CELLS), _MOST_CELLS)
+        _lists[arrangement] = fine_size(arrangement, _LIST_LENGTH, most), umbrella_cells(arrangement)
+    size, extent = _lists[arrangement]
+    per_cell = max(size[0] / arrangement.grid[0], size[1] / arrangement.grid[1])
+    reach = max(_SOFT * min(2.0**until, extent) * per_cell, 2.0**_LEAST_MARGIN)
+    margin = min(2.0 ** math.ceil(math.log2(reach)) / per_cell, _SOFT * extent)
+    return size, (margin / arrangement.grid[0], margin / arrangement.grid[1])
 
 
 def _ask_whole(pool: TexturePool, image: int) -> int:

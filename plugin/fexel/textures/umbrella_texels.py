@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -164,8 +164,8 @@ def _color_texels(arrangement: Arrangement) -> NDArray[np.float16]:
 
 def _written(source: ArrangementSource) -> tuple[NDArray[np.float32], Layout]:
     arrangement = source.arrangement
-    unshaded = replace(arrangement, shadow_strength=0.0)  # shadows are looked for in the cell that they fall from
-    cells = build_cells(unshaded, source.size, source.margin, opaque=np.array(source.opaque, bool))
+    # Shadows are looked for in the cell that they fall from.
+    cells = build_cells(arrangement, source.size, source.margin, opaque=np.array(source.opaque, bool), shadows=False)
     morphs = bool((arrangement.morphs != 0).any()) and any(
         (shape.points != shape.morph_points).any() for shape in arrangement.shapes
     )
