@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import os
+import time
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,21 @@ def _numpy_errors_raise():
 @pytest.fixture
 def rng():
     return np.random.default_rng(20100504)
+
+
+@pytest.fixture
+def move_clock(monkeypatch):
+    """Function that moves the local time, as files note it, by a day less an hour."""
+    if not hasattr(time, "tzset"):
+        pytest.skip("the time zone of a process cannot be changed here")
+
+    def move():
+        monkeypatch.setenv("TZ", "FAR-23" if os.environ.get("TZ") != "FAR-23" else "UTC0")
+        time.tzset()
+
+    yield move
+    monkeypatch.undo()
+    time.tzset()
 
 
 @pytest.fixture

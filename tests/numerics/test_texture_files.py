@@ -9,6 +9,7 @@ import pytest
 
 from fexel.errors import FexelError
 from fexel.images import image_info, linear_to_srgb, read_pixels, srgb_to_linear, to_linear
+from fexel_tools.image_files import write_image
 from fexel_tools.texture_files import encode, write_texture
 
 
@@ -46,6 +47,30 @@ def test_levels_halve_down_to_one_texel_and_are_tiled(tmp_path, rng, bits, suffi
         assert np.isfinite(texels).all()
         assert texels[[0, -1], :, 3].max() == 0
         assert texels[:, [0, -1], 3].max() == 0
+
+
+@pytest.mark.parametrize(("bits", "suffix"), [(8, ".tif"), (16, ".tif"), ("half", ".exr")])
+def test_same_texture_makes_the_same_bytes_at_another_time(tmp_path, patch, move_clock, bits, suffix):
+    path = tmp_path / f"patch{suffix}"
+    written = []
+    for _ in range(2):
+        write_texture(path, *patch, bits=bits)
+        written.append(path.read_bytes())
+        move_clock()
+    assert written[0] == written[1]
+
+
+@pytest.mark.parametrize(
+    ("name", "dtype"), [("a.png", "uint8"), ("a.jpg", "uint8"), ("a.tif", "uint16"), ("a.exr", "float16")]
+)
+def test_same_picture_makes_the_same_bytes_at_another_time(tmp_path, rng, move_clock, name, dtype):
+    picture = rng.integers(0, 200, (20, 30, 3)).astype(dtype)
+    written = []
+    for _ in range(2):
+        write_image(tmp_path / name, picture)
+        written.append((tmp_path / name).read_bytes())
+        move_clock()
+    assert written[0] == written[1]
 
 
 def test_level_zero_is_exact_in_8_bits(tmp_path, rng):

@@ -55,6 +55,16 @@ def test_exr_keeps_every_aov_under_its_channel_names(images, tmp_path):
         np.testing.assert_allclose(got, images[aov.name], rtol=tolerance, atol=tolerance * 1e-3, err_msg=aov.name)
 
 
+@pytest.mark.parametrize("name", ["all.exr", "color.png", "color.tif"])
+def test_same_picture_makes_the_same_bytes_at_another_time(images, tmp_path, move_clock, name):
+    written = []
+    for _ in range(2):
+        write_images(tmp_path / name, images if name == "all.exr" else {"color": images["color"]})
+        written.append((tmp_path / name).read_bytes())
+        move_clock()
+    assert written[0] == written[1]
+
+
 def test_exr_of_data_alone_has_no_colour(images, tmp_path):
     write_images(tmp_path / "d.exr", {"depth": images["depth"]})
     pixels, spec = read(tmp_path / "d.exr")

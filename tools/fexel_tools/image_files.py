@@ -43,6 +43,7 @@ def write_image(path: str | Path, pixels: np.ndarray, color_space: str = "sRGB")
     spec.attribute("oiio:ColorSpace", _COLOR_SPACES[color_space])
     if channels == 4 and pixels.dtype.kind == "u":
         spec.attribute("oiio:UnassociatedAlpha", 1)
+    spec.attribute("DateTime", "")  # none: the same picture makes the same bytes
     spec.attribute("CompressionQuality", 95)  # of JPEG
     spec.attribute("png:compressionLevel", _PNG_LEVEL)
     beside = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")

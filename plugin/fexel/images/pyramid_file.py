@@ -55,6 +55,7 @@ def write_pyramid(
             spec = oiio.ImageSpec(width, height, channels, oiio_type(dtype))
             spec.tile_width = spec.tile_height = tile
             spec.attribute("compression", "zip")
+            spec.attribute("DateTime", "")  # none: the same picture makes the same bytes
             if several:
                 # By this a TIFF's further images are known as its mip levels, and an EXR announces all of them.
                 spec.attribute("textureformat", "Plain Texture")

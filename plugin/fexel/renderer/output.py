@@ -192,6 +192,7 @@ def _corrected(color: np.ndarray, correction: ColorCorrection, *, straight: bool
 def _write(path: Path, spec, rows: Callable[[int, int], np.ndarray]) -> None:
     import OpenImageIO as oiio
 
+    spec.attribute("DateTime", "")  # none: the same picture makes the same bytes
     handle, name = _temporary(path)
     os.close(handle)
     temporary = Path(name)
