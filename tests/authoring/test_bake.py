@@ -274,6 +274,15 @@ def test_time_that_is_baked_can_be_chosen(stage, tmp_path):
     assert middle[0][:3].max() < 0.5 < middle[1][:3].min()
 
 
+def test_same_stage_makes_the_same_package_at_another_time(stage, tmp_path, move_clock):
+    packages = []
+    for _ in range(2):
+        bake_stage(scene(tmp_path), tmp_path / "a.usdz", size=16)
+        packages.append((tmp_path / "a.usdz").read_bytes())
+        move_clock()
+    assert packages[0] == packages[1]
+
+
 def failure(*arguments):
     result = CliRunner().invoke(app, ["bake", *map(str, arguments)])
     assert isinstance(result.exception, FexelError), result.output
@@ -291,6 +300,7 @@ def test_faults_are_named_in_one_line_and_leave_nothing(stage, tmp_path, monkeyp
     assert failure("broken.usda", "-o", "a.usda").startswith("broken.usda")
     assert "empty.usda: has no fexel texture" in failure("empty.usda", "-o", "a.usda")
     assert "--size: 0" in failure("scene.usda", "-o", "a.usda", "--size", "0")
+    assert "a.obj: output is '.obj', expected one of .usda, .usdc, .usd, .usdz" in failure("scene.usda", "-o", "a.obj")
     assert "expected one of png" in failure("scene.usda", "-o", "a.usda", "--format", "gif")
     assert "tif cannot go into" in failure("scene.usda", "-o", "a.usdz", "--format", "tif")
     assert "no such prim" in failure("scene.usda", "-o", "a.usda", "--prim", "/World/Nowhere")

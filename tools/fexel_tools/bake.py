@@ -139,7 +139,10 @@ def _check_options(out: str | Path, size: int | None, image_format: str) -> None
 
 def _check_output(out: str | Path, stage: Usd.Stage) -> None:
     files = [layer.realPath for layer in stage.GetUsedLayers() if layer.realPath]
-    (check_package if _is_package(out) else check_output)(out, files)
+    if _is_package(out):
+        check_package(out, files)
+    else:
+        check_output(out, files, [PACKAGE])
 
 
 def _is_package(out: str | Path) -> bool:

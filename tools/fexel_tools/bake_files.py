@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import tempfile
+import time
 import warnings
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -55,6 +56,7 @@ def packaged_output(out: str | Path) -> Iterator[StagedOutput]:
         staged.textures.mkdir()
         yield staged
         package = folder / path.name
+        _undate(folder)
         _pack(staged.stage, package, out)
         os.replace(package, path)
     except OSError as error:
@@ -133,6 +135,13 @@ def _free(path: Path) -> Path:
     while candidate.exists():
         candidate, number = path.with_stem(f"{path.stem}_{number}"), number + 1
     return candidate
+
+
+def _undate(folder: Path) -> None:
+    """Give all files the first time that a zip archive can note, so that the same stage makes the same bytes."""
+    earliest = time.mktime((1980, 1, 1, 0, 0, 0, 0, 1, -1))  # local, as archives note it
+    for file in folder.rglob("*"):
+        os.utime(file, (earliest, earliest))
 
 
 def _pack(stage: Path, package: Path, out: str | Path) -> None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 import shutil
 import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -41,7 +41,7 @@ class StagedOutput:
     textures: Path
 
 
-def check_output(out: str | Path, inputs: Iterable[str | Path] = ()) -> None:
+def check_output(out: str | Path, inputs: Iterable[str | Path] = (), others: Sequence[str] = ()) -> None:
     """See to it, before any work, that the output can be written and takes nothing else away.
 
     Parameters
@@ -49,6 +49,8 @@ def check_output(out: str | Path, inputs: Iterable[str | Path] = ()) -> None:
     out : str or Path
     inputs : iterable of str or Path
         Files that the output is made from: they must neither be the output nor lie in its folder of textures.
+    others : sequence of str
+        Extensions that the command takes besides those of stages, for the message.
 
     Raises
     ------
@@ -60,7 +62,8 @@ def check_output(out: str | Path, inputs: Iterable[str | Path] = ()) -> None:
     if path.suffix.lower() not in _EXTENSIONS:
         hint = " (textures of a .usdz must be PNG, JPEG or EXR; package the finished stage with usdzip)"
         hint = hint if path.suffix.lower() == ".usdz" else ""
-        raise FexelError(f"{out}: output is '{path.suffix}', expected one of {', '.join(_EXTENSIONS)}{hint}")
+        expected = ", ".join([*_EXTENSIONS, *others])
+        raise FexelError(f"{out}: output is '{path.suffix}', expected one of {expected}{hint}")
     if not path.parent.is_dir():
         raise FexelError(f"{out}: the folder {path.parent} does not exist")
     if path.is_dir():
