@@ -126,6 +126,17 @@ def test_code_holds_matrices_that_are_no_similarities():
     assert np.allclose(back.matrices, made.matrices, rtol=1e-6, atol=1e-7)
 
 
+def test_code_takes_matrices_as_homogeneous():
+    """A multiple of a matrix is the same place; perspective alone, over a similarity, is no similarity."""
+    made = ground.arrangement(20)
+    scaled = replace(made, matrices=made.matrices * np.linspace(0.5, -2.0, 20)[:, None, None])
+    assert encode_arrangement(scaled).streams == encode_arrangement(made).streams
+    leaning = made.matrices.copy()
+    leaning[7, 0, 2] = 0.05
+    back = decode_arrangement(encode_arrangement(replace(made, matrices=leaning)), made)
+    assert np.allclose(back.matrices, leaning, rtol=1e-6, atol=1e-7)
+
+
 def test_shared_colours_are_stored_once():
     """As authoring gives umbrellas of a base some sets of colours."""
     made = ground.arrangement(2000)

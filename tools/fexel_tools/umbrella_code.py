@@ -28,7 +28,7 @@ _PLACES = 65536.0
 _DIRECTIONS = 65536.0
 _SCALES_PER_OCTAVE = 2048.0
 _MORPHS = 255.0
-_SIMILAR = 1e-6  # of a matrix's size: what a similarity may be off by, from float64 and the grid's division
+_SIMILAR = 1e-6  # of a matrix's size, or of w: what a similarity may be off by, from float64 and the grid's division
 _HEADER = struct.Struct("<I?")
 _COUNT = struct.Struct("<I")
 
@@ -53,13 +53,14 @@ class ArrangementCode:
 
 def encode_arrangement(arrangement: Arrangement) -> ArrangementCode:
     """Quantise and deflate what differs from umbrella to umbrella; the base shapes are not part of it."""
-    cells = _cell_matrices(arrangement)
-    similar = _are_similarities(cells)
+    matrices = _scaled_to_one(arrangement.matrices)
+    cells = matrices[:, :2, :2] * np.array(arrangement.grid, np.float64)
+    similar = _are_affine(matrices) and _are_similarities(cells)
     shapes = np.asarray(arrangement.shape_of)
     narrow = len(arrangement.shapes) <= 256
     parts = [_HEADER.pack(len(arrangement), similar), shapes.astype("<u1" if narrow else "<u4").tobytes()]
     if similar:
-        place = np.rint((arrangement.matrices[:, 2, :2] % 1.0) * _PLACES) % _PLACES
+        place = np.rint((matrices[:, 2, :2] % 1.0) * _PLACES) % _PLACES
         turn = np.arctan2(cells[:, 0, 1], cells[:, 0, 0]) / (2 * np.pi)
         scale = np.log2(np.hypot(cells[:, 0, 0], cells[:, 0, 1]))
         parts += [
@@ -93,11 +94,16 @@ def decode_arrangement(code: ArrangementCode, like: Arrangement) -> Arrangement:
     return replace(decoded, colors=_decode_colors(parts[6], decoded))
 
 
-def _cell_matrices(arrangement: Arrangement) -> NDArray[np.float64]:
-    """(n, 2, 2) linear parts from patch space to cells, scaled to w = 1 at the centre."""
-    matrices = np.asarray(arrangement.matrices, np.float64)
+def _scaled_to_one(matrices: NDArray[np.floating]) -> NDArray[np.float64]:
+    """(n, 3, 3) matrices from patch space to st, scaled to w = 1 at the centre; as they are where w is 0 there."""
+    matrices = np.asarray(matrices, np.float64)
     w = np.where(matrices[:, 2, 2] == 0, 1.0, matrices[:, 2, 2])
-    return matrices[:, :2, :2] / w[:, None, None] * np.array(arrangement.grid, np.float64)
+    return matrices / w[:, None, None]
+
+
+def _are_affine(matrices: NDArray[np.float64]) -> bool:
+    """Whether w is 1 all over the patches, which reach about as far as 1 from the centre."""
+    return bool((np.abs(matrices[:, :, 2] - (0.0, 0.0, 1.0)) <= _SIMILAR).all())
 
 
 def _are_similarities(cells: NDArray[np.float64]) -> bool:
