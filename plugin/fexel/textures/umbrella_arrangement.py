@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterator
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any
 
@@ -90,6 +90,11 @@ class Arrangement:
         for part in _parts(self):
             state.update(part)
         return state.hexdigest()
+
+    @cached_property
+    def neutral(self) -> Arrangement:
+        """The same umbrellas, coloured in full, without shadows: what all states of an animated look share."""
+        return replace(self, color_blend=1.0, shadow_offset=(0.0, 0.0), shadow_strength=0.0)
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Arrangement) and self.digest == other.digest

@@ -203,15 +203,17 @@ def _drawn(data: UmbrellaData, view: LevelView, low: float, path: str, pool: Tex
     arrangement, reader, cache = view.arrangement, pool.reader(ArrangementTexels), pool.reader(PyramidCache)
     own_grid = np.log2(np.array(arrangement.grid) / data.arrangement.grid)
     until = view.until + own_grid.max()
-    size, margin = _list_layout(arrangement, until)
+    neutral = arrangement.neutral
+    size, margin = _list_layout(neutral, until)
     colored = bool(arrangement.colors.any()) and arrangement.color_blend != 0
     paths = data.paths if arrangement is data.arrangement and data.paths else (path,) * len(arrangement.shapes)
     opaque = tuple(
         _is_opaque(shape.image, where, cache) for shape, where in zip(arrangement.shapes, paths, strict=True)
     )
-    source = ArrangementSource(arrangement, size, margin, opaque, colored)
+    source = ArrangementSource(neutral, size, margin, opaque, colored)
     texels = _ask_whole(pool, pool.image(source, path, reader))
-    colors = _ask_whole(pool, pool.image(ColorSource(arrangement), path, reader)) if colored else -1
+    layout = reader.layout(source, path)
+    colors = _ask_whole(pool, pool.image(ColorSource(neutral), path, reader)) if layout.colored else -1
     numbers = [
         pool.image(shape.image, where) for shape, where in zip(arrangement.shapes, paths, strict=True) if shape.image
     ]
@@ -222,7 +224,7 @@ def _drawn(data: UmbrellaData, view: LevelView, low: float, path: str, pool: Tex
     )
     for base in bases:
         base.ask(pool)
-    return _Drawn(view, source, reader.layout(source), texels, colors, bases)
+    return _Drawn(view, source, layout, texels, colors, bases)
 
 
 def _list_layout(arrangement: Arrangement, until: float) -> tuple[tuple[int, int], tuple[float, float]]:
@@ -273,7 +275,7 @@ def _places(drawn: _Drawn, pool: TexturePool) -> ArrangementPlaces:
     """Where the static data of an arrangement have been loaded."""
     reader = pool.reader(ArrangementTexels)
     origins, bits = np.zeros((2, 2)), [0, 0]
-    colors = ColorSource(drawn.view.arrangement)
+    colors = ColorSource(drawn.source.arrangement)
     for which, (number, source) in enumerate(((drawn.texels, drawn.source), (drawn.colors, colors))):
         if number >= 0:
             page = pool.atlases[(FLOAT, HALF)[which]].size

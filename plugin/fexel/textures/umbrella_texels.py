@@ -20,30 +20,32 @@ The half-float page has the vertex colours, umbrella by umbrella.
 
 from __future__ import annotations
 
-import itertools
 import math
+import warnings
+from collections.abc import Hashable
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fexel.errors import FexelWarning
 from fexel.textures.atlas import Box
 from fexel.textures.kept_texels import KeptTexels
 from fexel.textures.page_format import FLOAT, HALF
 from fexel.textures.pyramid_cache import ImageFacts
-from fexel.textures.umbrella_arrangement import Arrangement, Shape
+from fexel.textures.umbrella_arrangement import Arrangement
 from fexel.textures.umbrella_cells import Cells, build_cells
-from fexel.textures.umbrella_geometry import FULL_TURN, pseudo_angle, turns
+from fexel.textures.umbrella_geometry import turns
+from fexel.textures.umbrella_shape_texels import shape_blocks
 
 __all__ = ["ArrangementSource", "ArrangementTexels", "ColorSource", "Layout"]
 
 _ROW_BITS = 10
 _MOST_ROWS = 4096  # rows get longer where this many do not hold all
+_LARGEST_HALF = np.finfo(np.float16).max
 _LOW = 2048  # whole numbers that half floats hold
-_AFTER = 19  # vertices that follow again after the last: so far UMBRELLA_TRIES rounds of two sectors reach
-_MOST_BINS = 1024
-_SLICES = 8  # tables of a shape that morphs
+_MOST_TEXELS = _MOST_COLORS = 1 << 24  # whole numbers that floats hold: addresses of either
+_MOST_FACTS = 256
 
 
 @dataclass(frozen=True)
@@ -53,6 +55,7 @@ class ArrangementSource:
     Attributes
     ----------
     arrangement : Arrangement
+        As `Arrangement.neutral`: whatever its blend and shadows, its texels are the same.
     size : (int, int)
         Cells along s and t.
     margin : (float, float)
@@ -69,12 +72,22 @@ class ArrangementSource:
     opaque: tuple[bool, ...]
     colored: bool
 
+    @property
+    def key(self) -> Hashable:
+        """Equal where sources are; it keeps no arrangement alive."""
+        return self.arrangement.digest, self.size, self.margin, self.opaque, self.colored
+
 
 @dataclass(frozen=True)
 class ColorSource:
-    """Vertex colours of an arrangement."""
+    """Vertex colours of an arrangement, which is as `Arrangement.neutral`."""
 
     arrangement: Arrangement
+
+    @property
+    def key(self) -> Hashable:
+        """Equal where sources are; it keeps no arrangement alive."""
+        return self.arrangement.digest
 
 
 @dataclass(frozen=True)
@@ -90,7 +103,9 @@ class Layout:
     morphs : bool
         Whether any umbrella has another shape than its base.
     size : (int, int)
-        Cells along s and t.
+        Cells along s and t: those of the source, or fewer.
+    colored : bool
+        Whether umbrellas are known by their first colour.
     """
 
     stride: int
@@ -98,6 +113,7 @@ class Layout:
     slices: int
     morphs: bool
     size: tuple[int, int]
+    colored: bool = False
 
 
 class ArrangementTexels:
@@ -105,40 +121,44 @@ class ArrangementTexels:
 
     def __init__(self, kept: KeptTexels | None = None) -> None:
         self._kept = kept or KeptTexels()
-        self._layouts: dict[ArrangementSource, Layout] = {}
-        self._sizes: dict[ArrangementSource | ColorSource, tuple[int, int]] = {}
+        # Texels may be gone while they are resident on the GPU: how they are laid out outlives them.
+        self._facts = KeptTexels(_MOST_FACTS)
 
-    def layout(self, source: ArrangementSource) -> Layout:
+    def layout(self, source: ArrangementSource, path: str = "") -> Layout:
         """Where things lie."""
-        self._texels(source)
-        return self._layouts[source]
+        return self._made(source, path)[1]
 
-    def row_bits(self, source: ArrangementSource | ColorSource) -> int:
+    def row_bits(self, source: ArrangementSource | ColorSource, path: str = "") -> int:
         """Log2 of the texels in a row."""
-        self._texels(source)
-        return self._sizes[source][0].bit_length() - 1
+        return self._made(source, path)[0][0].bit_length() - 1
 
-    def facts(self, source: ArrangementSource | ColorSource, _path: str) -> ImageFacts:
+    def facts(self, source: ArrangementSource | ColorSource, path: str) -> ImageFacts:
         """Size and page class; there is level 0 alone."""
-        self._texels(source)
         page_class = FLOAT if isinstance(source, ArrangementSource) else HALF
-        return ImageFacts(self._sizes[source], page_class, ("clamp", "clamp"), None, has_levels=False)
+        return ImageFacts(self._made(source, path)[0], page_class, ("clamp", "clamp"), None, has_levels=False)
 
-    def window(self, source: ArrangementSource | ColorSource, _path: str, _level: int, box: Box) -> NDArray:
+    def window(self, source: ArrangementSource | ColorSource, path: str, _level: int, box: Box) -> NDArray:
         """Texels of a window with its border."""
-        texels = np.pad(self._texels(source), ((1, 1), (1, 1), (0, 0)))
+        texels = np.pad(self._texels(source, path), ((1, 1), (1, 1), (0, 0)))
         return np.ascontiguousarray(texels[box[1] : box[3] + 2, box[0] : box[2] + 2])
 
-    def _texels(self, source: ArrangementSource | ColorSource) -> NDArray:
-        texels = self._kept.get(source)
-        if texels is None:
+    def _made(self, source: ArrangementSource | ColorSource, path: str) -> tuple[tuple[int, int], Layout]:
+        """Width and height in texels, and what lies where in them; of colours, the latter says nothing."""
+        if source.key not in self._facts:
+            self._texels(source, path)
+        return self._facts.get(source.key)
+
+    def _texels(self, source: ArrangementSource | ColorSource, path: str) -> NDArray:
+        texels = self._kept.get(source.key)
+        if texels is None or source.key not in self._facts:
+            layout = None
             if isinstance(source, ArrangementSource):
-                flat, self._layouts[source] = _written(source)
+                flat, layout = _written(source, path)
             else:
                 flat = _color_texels(source.arrangement)
             texels = _in_rows(flat)
-            self._sizes[source] = texels.shape[1], texels.shape[0]
-            self._kept.keep(source, texels, texels.nbytes)
+            self._facts.keep(source.key, ((texels.shape[1], texels.shape[0]), layout), 1)
+            self._kept.keep(source.key, texels, texels.nbytes)
         return texels
 
 
@@ -155,32 +175,66 @@ def _color_texels(arrangement: Arrangement) -> NDArray[np.float16]:
     """Signed offsets by vertex. Their fourth components tell the umbrella: low part at its centre, high part around."""
     colors = np.zeros((max(len(arrangement.colors), 1), 4), np.float16)
     if len(arrangement.colors):
-        colors[:, :3] = arrangement.colors
+        colors[:, :3] = np.clip(arrangement.colors, -_LARGEST_HALF, _LARGEST_HALF)
         number = np.arange(len(arrangement))
         colors[:, 3] = np.repeat(number // _LOW, arrangement.vertex_counts)
         colors[arrangement.first_vertex[:-1], 3] = number % _LOW
     return colors
 
 
-def _written(source: ArrangementSource) -> tuple[NDArray[np.float32], Layout]:
+def _written(source: ArrangementSource, path: str) -> tuple[NDArray[np.float32], Layout]:
     arrangement = source.arrangement
-    # Shadows are looked for in the cell that they fall from.
-    cells = build_cells(arrangement, source.size, source.margin, opaque=np.array(source.opaque, bool), shadows=False)
     morphs = bool((arrangement.morphs != 0).any()) and any(
         (shape.points != shape.morph_points).any() for shape in arrangement.shapes
     )
     stride = 3 if arrangement.is_affine else 4
-    blocks, bins, slices = _shape_blocks(arrangement.shapes, morphs)
+    blocks, bins, slices = shape_blocks(arrangement.shapes, morphs)
+    cells = _cells(source, stride, _MOST_TEXELS - sum(map(len, blocks)), path)
+    colored = source.colored and _has_room_for_colors(arrangement, path)
     first = len(cells.counts)
     lengths = [first, stride * len(cells.umbrella), *(len(block) for block in blocks)]
     address = np.cumsum(lengths)[1:-1] if blocks else np.zeros(0, np.int64)
-    rows = _entry_rows(cells, arrangement, address, source.colored)
+    rows = _entry_rows(cells, arrangement, address, colored)
     rows = rows if stride == 4 else rows[:, [0, 1, 3]]
     heads = np.zeros((first, 4), np.float32)
     heads[:, 0], heads[:, 1] = first + stride * cells.first[:-1], cells.counts
-    layout = Layout(stride, bins, slices, morphs, cells.size)
+    layout = Layout(stride, bins, slices, morphs, cells.size, colored)
     tables = [block.astype(np.float32) for block in blocks]
     return np.concatenate([heads, rows.reshape(-1, 4), *tables]), layout
+
+
+def _cells(source: ArrangementSource, stride: int, most: int, path: str) -> Cells:
+    """Lists; of coarser cells where they would be more than `most` texels, which also lengthens them."""
+    size = source.size
+    opaque = np.array(source.opaque, bool)
+    while True:
+        # Shadows are looked for in the cell that they fall from.
+        cells = build_cells(source.arrangement, size, source.margin, opaque=opaque, shadows=False)
+        texels = len(cells.counts) + stride * len(cells.umbrella)
+        if texels <= most:
+            return cells
+        if size == (1, 1):
+            return _front(cells, (most - 1) // stride, path)
+        shrink = min(0.5, 0.9 * math.sqrt(most / texels))
+        size = max(1, int(size[0] * shrink)), max(1, int(size[1] * shrink))
+
+
+def _front(cells: Cells, count: int, path: str) -> Cells:
+    """The first entries of a single cell."""
+    _say(path, f"{len(cells.umbrella)} umbrellas, expected at most {count}; those in front are drawn")
+    return Cells(cells.size, np.array([0, count]), cells.umbrella[:count], cells.shift[:count], cells.flags[:count])
+
+
+def _has_room_for_colors(arrangement: Arrangement, path: str) -> bool:
+    count = len(arrangement.colors)
+    if count <= _MOST_COLORS:
+        return True
+    _say(path, f"{count} vertices of umbrellas, expected at most {_MOST_COLORS}; their colours are left out")
+    return False
+
+
+def _say(path: str, fault: str) -> None:
+    warnings.warn(f"{path}: {fault}", FexelWarning, stacklevel=2)
 
 
 def _entry_rows(
@@ -220,67 +274,3 @@ def _looks(arrangement: Arrangement) -> NDArray[np.float64]:
     turn = turns(arrangement)
     coverage = arrangement.coverages if len(arrangement.coverages) else np.ones(len(arrangement))
     return np.column_stack([coverage * np.sign(np.linalg.det(turn)), turn[:, 0, 0], turn[:, 1, 0]])
-
-
-def _shape_blocks(shapes: tuple[Shape, ...], morphs: bool) -> tuple[list[NDArray[np.float64]], int, int]:
-    """Texels of each shape; bins and slices of their tables."""
-    most = max((len(shape.points) for shape in shapes), default=1)
-    bins = min(_MOST_BINS, 2 ** math.ceil(math.log2(4 * most)))
-    slices = _SLICES if morphs else 1
-    images = np.cumsum([shape.image is not None for shape in shapes]) - 1
-    blocks = []
-    for number, shape in enumerate(shapes):
-        own = _Contour(shape)
-        head = [*shape.tex_coords[0], images[number] if shape.image else -1, own.sectors]
-        blocks.append(np.concatenate([[head], own.tables(bins, slices), own.vertices, own.tex_coords]))
-    return blocks, bins, slices
-
-
-@dataclass(frozen=True, eq=False)
-class _Contour:
-    """A shape about its centre."""
-
-    shape: Shape
-
-    @property
-    def sectors(self) -> int:
-        return len(self.shape.points) - 1
-
-    @cached_property
-    def spokes(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """At a morph of 0, and on the way to one of 1."""
-        start, end = (points[1:] - points[0] for points in (self.shape.points, self.shape.morph_points))
-        return start, end - start
-
-    @property
-    def vertices(self) -> NDArray[np.float64]:
-        start, way = self.spokes
-        index = np.arange(self.sectors + _AFTER) % self.sectors
-        return np.concatenate([start, way], axis=1)[index]
-
-    @property
-    def tex_coords(self) -> NDArray[np.float64]:
-        contour = self.shape.tex_coords[1:]
-        return np.concatenate([contour, np.roll(contour, -1, axis=0)], axis=1)
-
-    def tables(self, bins: int, slices: int) -> NDArray[np.float64]:
-        """(slices * bins, 4): for each bin, and each part of the range of the morph, the first sector that it may need.
-
-        Seen from the centre a vertex that morphs turns one way only, so the sectors at both ends of a part tell.
-        """
-        angle = np.arange(bins) * (FULL_TURN / bins)
-        at = [self._sectors_at(angle, morph) for morph in np.linspace(0, 1, slices + 1)]
-        if slices == 1:
-            at[1] = at[0]
-        tables = np.zeros((slices * bins, 4))
-        for number, (begin, end) in enumerate(itertools.pairwise(at)):
-            ahead = np.mod(end - begin, self.sectors)
-            first = np.where(ahead <= self.sectors // 2, begin, end)
-            tables[number * bins : (number + 1) * bins, 0] = first
-        return tables
-
-    def _sectors_at(self, angle: NDArray[np.float64], morph: float) -> NDArray[np.int64]:
-        start, way = self.spokes
-        spoke = pseudo_angle(start + morph * way)
-        order = np.argsort(spoke, kind="stable")
-        return order[np.searchsorted(spoke[order], angle, "right") - 1]
