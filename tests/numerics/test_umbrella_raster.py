@@ -321,5 +321,52 @@ def test_bad_arguments_are_named(rng):
         rasterize(arrangement, [None, None], None, (4, 4))
     with pytest.raises(FexelError, match="supersample is 'some'"):
         rasterize(arrangement, [None], None, (4, 4), supersample="some")
+    with pytest.raises(FexelError, match="group is 3, expected auto or a divisor of 4"):
+        rasterize(arrangement, [None], None, (4, 4), supersample=4, group=3)
     with pytest.raises(FexelError, match="without area"):
         rasterize(arrangement, [None], None, (4, 4), window=(0.2, 0.0, 0.2, 1.0))
+
+
+@pytest.mark.parametrize("shadow", [False, True])
+def test_groups_of_samples_share_colours_but_not_edges_and_shadows(rng, shadow):
+    arrangement = random_arrangement(rng, shadow=shadow)
+    arrangement = replace(arrangement, colors=np.zeros((0, 3), np.float32))
+    color = rng.random(3)
+    textures = [np.tile(color.astype(np.float32), (9, 7, 1)) for _ in arrangement.shapes]
+    exact = rasterize(arrangement, textures, (0.1, 0.2, 0.3, 1.0), (50, 40), supersample=4)
+    shared = rasterize(arrangement, textures, (0.1, 0.2, 0.3, 1.0), (50, 40), supersample=4, group=4)
+    assert np.abs(shared - exact).max() < 2e-6
+
+
+@pytest.mark.parametrize("group", [2, 4])
+def test_shared_colours_are_those_of_the_middle(rng, group):
+    """Where colour is linear in the plane, the middle of a group has its mean."""
+    shape = Shape(SQUARE, SQUARE, SQUARE + 0.5)
+    ramp = np.linspace(0.1, 0.9, 32, dtype=np.float32)
+    texture = np.stack(np.broadcast_arrays(ramp[None, :], ramp[:, None], ramp[None, :]), axis=-1)
+    vertex_colors = np.concatenate([[[0.0, 0.0, 0.0]], SQUARE[1:] @ rng.uniform(-0.05, 0.05, (2, 3))])
+    arrangement = arranged([shape], [placed((0.5, 0.5), 1.6, 20.0)], colors=vertex_colors.astype(np.float32))
+    window = (0.3, 0.3, 0.7, 0.7)  # away from where the image is clamped
+    exact = rasterize(arrangement, [texture], None, (24, 24), window=window, supersample=4)
+    shared = rasterize(arrangement, [texture], None, (24, 24), window=window, supersample=4, group=group)
+    assert np.ptp(exact[..., 0]) > 0.1
+    assert np.abs(shared - exact).max() < 1e-3
+
+
+def test_contours_of_any_kind_cover_the_same_with_shared_colours(rng):
+    """Stars are filled as a whole, folded contours and those of many edges sector by sector."""
+    points = star(rng, 9)
+    folded = points.copy()
+    folded[3] = -0.5 * folded[3]
+    comb = star(rng, 160)
+    shapes = [shape_of(points), shape_of(folded), shape_of(comb)]
+    matrices = [placed(rng.random(2), 0.5, angle, (0.1, 0.2)) for angle in (10, 50, 200, 300, 80, 120)]
+    arrangement = arranged(
+        shapes, matrices, shape_of=np.arange(6, dtype=np.int32) % 3, shadow_offset=(0.05, 0.02), shadow_strength=0.5
+    )
+    textures = [np.full((2, 2, 3), 0.5, np.float32)] * 3
+    exact, shared = (
+        rasterize(arrangement, textures, (0, 0, 0, 0), (60, 60), supersample=6, group=group) for group in (1, 3)
+    )
+    assert exact[..., 3].max() == 1
+    assert np.abs(shared - exact).max() < 2e-6

@@ -81,6 +81,7 @@ class _UmbrellaBaker:
             background,
             (width, height),
             view=view,
+            group="auto",
             background_wrap=wrap,
             vector_scale=(2.0, 2.0) if self._data.turns_vectors else None,
         )

@@ -139,8 +139,9 @@ def fitted_levels(picture: NDArray[np.floating], has_alpha: bool = True) -> list
     levels = []
     for number in range(level_count(width, height)):
         fitted = np.ones((level_size(height, number), level_size(width, number), 4), np.float32)
+        fit = _fit(source.shape[:2], fitted.shape[:2])
         for channel in channels:
-            fitted[..., channel] = _fitted(source[..., channel], fitted.shape[:2]).clip(*bounds[channel])
+            fitted[..., channel] = fit(source[..., channel]).clip(*bounds[channel])
         levels.append(fitted)
         source = halve(source)
     return levels
@@ -169,17 +170,21 @@ def write_level_image(path: str | Path, image: LevelImage, *, bits: int | str = 
     write_pyramid(str(path), levels, {8: "uint8", 16: "uint16", "half": "float16"}[bits], color_space)
 
 
-def _fitted(picture: NDArray[np.float32], shape: tuple[int, int]) -> NDArray[np.float32]:
-    """Texels (h, w) for bilinear interpolation, of one channel of a finer picture (H, W)."""
-    down, across = (_Frequencies.of(fine, coarse) for fine, coarse in zip(picture.shape, shape, strict=True))
+def _fit(size: tuple[int, int], shape: tuple[int, int]) -> Callable[[NDArray[np.float32]], NDArray[np.float32]]:
+    """What makes texels (h, w) for bilinear interpolation of a channel of a finer picture (H, W)."""
+    down, across = (_Frequencies.of(fine, coarse) for fine, coarse in zip(size, shape, strict=True))
     tent = down.tent[:, None] * across.tent
-    wanted = np.fft.fft2(picture) * (down.moved[:, None] * across.moved)
     # The picture's texels are averages already: undone, before the pixel's own average.
-    wanted *= tent * _pixel(down.turn[:, None], across.turn) / (down.own[:, None] * across.own)
-    share = _folded(_folded(wanted, shape[0]).T, shape[1]).T
+    gain = tent * _pixel(down.turn[:, None], across.turn) / (down.own[:, None] * across.own)
+    gain = gain * (down.moved[:, None] * across.moved)
     weight = _folded(_folded(tent * tent, shape[0]).T, shape[1]).T
-    scale = shape[0] * shape[1] / (picture.shape[0] * picture.shape[1])
-    return (np.fft.ifft2(share / weight).real * scale).astype(np.float32)
+    scale = shape[0] * shape[1] / (size[0] * size[1])
+
+    def fitted(channel: NDArray[np.float32]) -> NDArray[np.float32]:
+        share = _folded(_folded(np.fft.fft2(channel) * gain, shape[0]).T, shape[1]).T
+        return (np.fft.ifft2(share / weight).real * scale).astype(np.float32)
+
+    return fitted
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from fexel.textures.umbrella_arrangement import Arrangement
 from fexel_tools.umbrella_raster_input import Copies, Placed, copies_in, place
-from fexel_tools.umbrella_raster_kernels import triangle_spans
+from fexel_tools.umbrella_raster_spans import triangle_spans
 
 __all__ = ["cosine_colors", "fitted_colors"]
 

@@ -56,6 +56,7 @@ def rasterize(
     window: tuple[float, float, float, float] = UNIT_SQUARE,
     view: NDArray | None = None,
     supersample: int | str = "auto",
+    group: int | str = 1,
     background_wrap: tuple[str, str] = ("repeat", "repeat"),
     vector_scale: tuple[float, float] | None = None,
     vector_bias: tuple[float, float] = (-1.0, -1.0),
@@ -80,6 +81,9 @@ def rasterize(
         Instead of a window, any affine view: ``st = [x y 1] @ view``, x and y in pixels from the upper left corner.
     supersample : int or "auto"
         Samples per axis and pixel. auto: as many as there are texels in a pixel, 4 to 16.
+    group : int or "auto"
+        Samples along each axis that share a colour, where umbrellas are opaque; a divisor of `supersample`. 1: none
+        do, the picture is exact. auto: as many as leave four groups, or three, along each axis of a pixel.
     background_wrap : (str, str)
         ``repeat``, ``clamp`` or ``mirror`` along s and t.
     vector_scale, vector_bias : (float, float)
@@ -105,7 +109,8 @@ def rasterize(
     frame = view / np.array([[factor], [factor], [1.0]])
     sample_from_st = _inverse(frame)
     placed = place(arrangement, sample_from_st)
-    texels = pack(arrangement, textures, texels_per_sample(arrangement, placed, textures))
+    shared = _group(group, factor)
+    texels = pack(arrangement, textures, texels_per_sample(arrangement, placed, textures), placed.is_star, shared)
     picture = np.zeros((size[1], size[0], 4), np.float32)
     copies = copies_in(placed, frame, sample_from_st[:2], (size[0] * factor, size[1] * factor))
     behind = (*_background(background, frame), np.array([_WRAPS[mode] for mode in background_wrap]), frame.ravel())
@@ -184,6 +189,14 @@ def _factor(
     return int(np.clip(np.ceil(typical), _FEWEST, _MOST))
 
 
+def _group(group: int | str, factor: int) -> int:
+    if group == "auto":
+        return next((factor // groups for groups in (4, 3) if factor % groups == 0), 1)
+    if not isinstance(group, int) or group < 1 or factor % group:
+        raise FexelError(f"picture of umbrellas: group is {group!r}, expected auto or a divisor of {factor}")
+    return group
+
+
 def _constants(
     arrangement: Arrangement,
     placed: Placed,
@@ -200,11 +213,11 @@ def _constants(
         zero = (-vector_bias[0] / vector_scale[0], -vector_bias[1] / vector_scale[1])
         vectors = (turns(arrangement), *zero, vector_scale[0] / vector_scale[1])
     return (
-        (placed.first, placed.vertices, placed.inverse_w, placed.orientation, placed.coverages),
+        (placed.first, placed.vertices, placed.inverse_w, placed.orientation, placed.coverages, placed.is_star),
         (np.asarray(arrangement.shape_of, np.int64), first, np.concatenate([np.zeros((0, 2)), *coords])),
         colors if len(colors) == len(placed.vertices) else _NO_COLORS,
         float(arrangement.color_blend),
-        (texels.texels, texels.place, texels.opaque),
+        (texels.texels, texels.place, texels.opaque, texels.is_shared, texels.group),
         vectors,
     )
 
@@ -217,7 +230,7 @@ def _background(
     image = values.reshape(1, 1, -1) if values.ndim == 1 else values
     texels = premultiplied(image)
     step = np.linalg.norm(frame[:2] * np.array(texels.shape[1::-1]), axis=1).max()
-    for _ in range(level_for(step, texels.shape)):
+    for _ in range(int(level_for(step, texels.shape))):
         texels = halve(texels)
     return np.ascontiguousarray(texels.reshape(-1, 4)), np.array([0, texels.shape[1], texels.shape[0]])
 

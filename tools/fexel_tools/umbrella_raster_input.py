@@ -7,15 +7,16 @@ as a sample, and levels that are finer than any umbrella needs are left out.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from fexel.mipmaps import halve, level_count
 from fexel.textures.umbrella_arrangement import Arrangement
+from fexel_tools.umbrella_raster_spans import MOST_CROSSINGS
 
 __all__ = [
     "Copies",
@@ -29,6 +30,7 @@ __all__ = [
     "texels_per_sample",
 ]
 
+_SHARPER = 0.7  # for groups of samples: finer levels alias, coarser ones blur (2 dB less at 1 or 0.45)
 _FINEST_RATIO = 2**0.5  # texels per sample up to which a level is read by bilinear lookups
 
 
@@ -46,6 +48,10 @@ class Placed:
     orientation : (n,) float64
         Sign of the contour's area here; 0 for what cannot be drawn: not finite, through infinity, or without area.
     coverages : (n,) float64
+    is_star : (n,) bool
+        Its sectors tile the inside of its contour, none folded, none twice, and are at most `MOST_CROSSINGS`.
+    areas : (n,) float64
+        Of the contours, positive.
     boxes : (n, 4) float64
         x0, y0, x1, y1 of umbrella and shadow.
     st_boxes : (n, 4) float64
@@ -57,6 +63,8 @@ class Placed:
     inverse_w: NDArray[np.float64]
     orientation: NDArray[np.float64]
     coverages: NDArray[np.float64]
+    is_star: NDArray[np.bool_]
+    areas: NDArray[np.float64]
     boxes: NDArray[np.float64]
     st_boxes: NDArray[np.float64]
 
@@ -73,11 +81,17 @@ class Texels:
         Of each umbrella: where its level begins, its width and height; width 0 where there is no image.
     opaque : (n,) bool
         Its image has alpha 1 everywhere.
+    is_shared : (n,) bool
+        Groups of samples share its colour.
+    group : int
+        Samples of such a group, along each axis.
     """
 
     texels: NDArray[np.float32]
     place: NDArray[np.int64]
     opaque: NDArray[np.bool_]
+    is_shared: NDArray[np.bool_]
+    group: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,11 +125,13 @@ def place(arrangement: Arrangement, sample_from_st: NDArray[np.float64]) -> Plac
         st = arrangement.vertices
         vertices = st @ sample_from_st[:2] + sample_from_st[2]
     w = _w_of_vertices(arrangement)
-    finite = np.isfinite(vertices).all(axis=1)
+    finite = np.isfinite(vertices[:, 0]) & np.isfinite(vertices[:, 1])
     usable = _all_of(finite & (w > 0), first) | _all_of(finite & (w < 0), first)
-    vertices, st = (np.where(finite[:, None], values, 0.0) for values in (vertices, st))
+    if not finite.all():
+        vertices, st = (np.where(finite[:, None], values, 0.0) for values in (vertices, st))
     shadow = np.array(arrangement.shadow_offset, np.float64)
-    orientation = np.where(usable, np.sign(_contour_area(vertices, first)), 0.0)
+    area, is_star = _contours(vertices, first)
+    orientation = np.where(usable, np.sign(area), 0.0)
     count = len(arrangement)
     given = np.asarray(arrangement.coverages, np.float64)
     return Placed(
@@ -124,6 +140,8 @@ def place(arrangement: Arrangement, sample_from_st: NDArray[np.float64]) -> Plac
         1.0 / np.where(w == 0, 1.0, w),
         orientation,
         given if len(given) == count else np.ones(count),
+        is_star,
+        np.abs(area),
         _boxes(vertices, first, shadow @ sample_from_st[:2]),
         _boxes(st, first, shadow),
     )
@@ -134,15 +152,14 @@ def texels_per_sample(
 ) -> NDArray[np.float64]:
     """(n,) texels of its image, along an axis, in a sample of each umbrella; 0 where there is no image."""
     ratio = np.zeros(len(arrangement))
-    area = np.abs(_contour_area(placed.vertices, placed.first))
     for number, (shape, texture) in enumerate(zip(arrangement.shapes, textures, strict=True)):
         if texture is None:
             continue
         users = arrangement.shape_of == number
         coords = shape.tex_coords * np.array(texture.shape[1::-1])
-        whole = float(np.abs(_contour_area(coords, np.array([0, len(coords)])))[0])
+        whole = float(abs(_contours(coords, np.array([0, len(coords)]))[0][0]))
         # 1e-12 guards umbrellas without area, which draw nothing.
-        ratio[users] = np.sqrt(whole / np.maximum(area[users], 1e-12))
+        ratio[users] = np.sqrt(whole / np.maximum(placed.areas[users], 1e-12))
     return ratio
 
 
@@ -150,6 +167,8 @@ def pack(
     arrangement: Arrangement,
     textures: Sequence[NDArray | None],
     ratio: NDArray[np.float64],
+    is_star: NDArray[np.bool_],
+    group: int = 1,
 ) -> Texels:
     """Levels of images that umbrellas need at so many texels per sample (`texels_per_sample`).
 
@@ -159,6 +178,10 @@ def pack(
     textures : sequence of (h, w, 3 or 4) float or None
         Of each shape, linear (or raw), straight alpha.
     ratio : (n,) float64
+    is_star : (n,) bool
+        As `Placed` has it.
+    group : int
+        Samples, along each axis, that share a colour, where umbrellas are opaque stars.
     """
     place = np.zeros((len(arrangement), 3), np.int64)
     opaque = np.ones(len(arrangement), np.bool_)
@@ -167,22 +190,23 @@ def pack(
         users = np.flatnonzero(arrangement.shape_of == number) if texture is not None else np.zeros(0, np.int64)
         if texture is None or not len(users):
             continue
-        levels = np.array([level_for(value, texture.shape) for value in ratio[users]])
         texels = premultiplied(texture)
         opaque[users] = bool((texels[..., 3] == 1).all())
+        widths = np.where(opaque[users] & is_star[users], max(1.0, group * _SHARPER), 1.0)
+        levels = level_for(ratio[users] * widths, texture.shape)
         for level in range(int(levels.max()) + 1):
             texels = halve(texels) if level else texels
             if (chosen := users[levels == level]).size:
                 place[chosen] = used, texels.shape[1], texels.shape[0]
                 parts.append(texels.reshape(-1, 4))
                 used += len(parts[-1])
-    return Texels(np.ascontiguousarray(np.concatenate(parts)), place, opaque)
+    return Texels(np.ascontiguousarray(np.concatenate(parts)), place, opaque, opaque & is_star & (group > 1), group)
 
 
-def level_for(ratio: float, shape: tuple[int, ...]) -> int:
-    """Mip level of an image (h, w, ...) to read where a sample is so many texels wide."""
-    wanted = math.ceil(math.log2(max(ratio / _FINEST_RATIO, 1.0)))
-    return min(wanted, level_count(shape[1], shape[0]) - 1)
+def level_for(ratio: NDArray[np.float64], shape: tuple[int, ...]) -> NDArray[np.int64]:
+    """Mip levels of an image (h, w, ...) to read where samples are so many texels wide."""
+    wanted = np.ceil(np.log2(np.maximum(ratio / _FINEST_RATIO, 1.0))).astype(np.int64)
+    return np.minimum(wanted, level_count(shape[1], shape[0]) - 1)
 
 
 def copies_in(
@@ -222,6 +246,8 @@ def copies_in(
 
 def _w_of_vertices(arrangement: Arrangement) -> NDArray[np.float64]:
     """(total,) homogeneous coordinate of every vertex."""
+    if arrangement.is_affine:
+        return np.ones(len(arrangement.vertices))
     column = np.repeat(arrangement.matrices[:, :, 2], arrangement.vertex_counts, axis=0)
     return (arrangement.points * column[:, :2]).sum(axis=1) + column[:, 2]
 
@@ -240,17 +266,27 @@ def _all_of(flags: NDArray[np.bool_], first: NDArray[np.int64]) -> NDArray[np.bo
     return total[first[1:]] - total[first[:-1]] == np.diff(first)
 
 
-def _contour_area(vertices: NDArray[np.float64], first: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Signed area of each contour: the vertices but the first, as polygons."""
-    following = np.arange(1, len(vertices) + 1)
-    following[first[1:] - 1] = first[:-1] + 1
-    following = np.minimum(following, max(len(vertices) - 1, 0))
-    centre = np.repeat(first[:-1], np.diff(first))
-    a, b = vertices - vertices[centre], vertices[following] - vertices[centre]
-    cross = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
-    cross[first[:-1]] = 0.0
-    total = np.concatenate([[0.0], np.cumsum(cross)])
-    return 0.5 * (total[first[1:]] - total[first[:-1]])
+@numba.njit(cache=True, nogil=True)
+def _contours(vertices, first):
+    """Signed area of each contour (the vertices but the first), and whether its sectors tile it as those of a star."""
+    count = len(first) - 1
+    areas, is_star = np.zeros(count), np.zeros(count, np.bool_)
+    for number in range(count):
+        begin, end = first[number], first[number + 1]
+        cx, cy = vertices[begin, 0], vertices[begin, 1]
+        total, turn, left, right = 0.0, 0.0, False, False
+        for k in range(begin + 1, end):
+            following = k + 1 if k + 1 < end else begin + 1
+            ax, ay = vertices[k, 0] - cx, vertices[k, 1] - cy
+            bx, by = vertices[following, 0] - cx, vertices[following, 1] - cy
+            cross, dot = ax * by - ay * bx, ax * bx + ay * by
+            total += cross
+            turn += np.arctan2(cross, dot)
+            left, right = left or cross < 0, right or cross > 0
+        areas[number] = 0.5 * total
+        once = np.abs(np.abs(turn) - 2 * np.pi) < 0.1  # multiples of a turn, but for rounding
+        is_star[number] = once and not (left and right) and end - begin - 1 <= MOST_CROSSINGS
+    return areas, is_star
 
 
 def _boxes(vertices: NDArray[np.float64], first: NDArray[np.int64], shadow: NDArray[np.float64]) -> NDArray[np.float64]:
