@@ -11,7 +11,9 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import os
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -71,7 +73,8 @@ def with_morphs(bases: Sequence[BaseUmbrella], options: MorphOptions) -> list[Ba
     if options.amount == 0.0:
         return [dataclasses.replace(base, morph_points=base.points.copy()) for base in bases]
     target_of = _targets(bases, random_stream(options.seed, "morph target"))
-    return [_morphed(base, bases[target_of[i]], options) for i, base in enumerate(bases)]
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        return list(pool.map(lambda base, target: _morphed(base, bases[target], options), bases, target_of))
 
 
 def safe_share(points: NDArray[np.float64], morph_points: NDArray[np.float64]) -> float:

@@ -75,7 +75,7 @@ class UmbrellaReport:
     stage: str
     bases: tuple[BaseReport, ...]
     k: int
-    k_seen: int
+    k_seen: int | None
     n: int
     grid: tuple[int, int]
     words: int
