@@ -110,6 +110,8 @@ FAILURES = {
         "fexel: a.png: No such file or directory\n",
     ),
     "raise KeyboardInterrupt": (130, "fexel: interrupted\n"),
+    "import signal; signal.raise_signal(signal.SIGTERM)": (143, "fexel: terminated\n"),
+    "import signal; signal.raise_signal(signal.SIGHUP)": (129, "fexel: terminated\n"),
     "raise BrokenPipeError(32, 'Broken pipe')": (1, ""),
     "import warnings; warnings.warn('/A: damaged', FexelWarning)": (0, "fexel: warning: /A: damaged\n"),
 }
@@ -131,6 +133,47 @@ cli.main()
 """
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert (result.returncode, result.stderr) == FAILURES[failure]
+
+
+@pytest.mark.parametrize("signal", ["SIGTERM", "SIGHUP", "SIGINT"])
+def test_end_by_a_signal_leaves_no_hidden_folder(tmp_path, signal):
+    code = f"""
+import signal, sys
+from fexel_tools import cli
+from fexel_tools.staged_output import staged_output
+
+@cli.app.command("write")
+def write():
+    with staged_output("out.usda") as staged:
+        staged.stage.write_text("#usda 1.0")
+        signal.raise_signal(signal.{signal})
+
+sys.argv = ["fexel", "write"]
+cli.main()
+"""
+    result = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert result.returncode > 128 and result.stderr.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("signal", ["SIGTERM", "SIGHUP"])
+def test_signals_that_the_caller_has_ignored_stay_so(signal):
+    """As ``nohup`` does."""
+    code = f"""
+import signal, sys
+from fexel_tools import cli
+signal.signal(signal.{signal}, signal.SIG_IGN)
+
+@cli.app.command("go")
+def go():
+    signal.raise_signal(signal.{signal})
+    print("done")
+
+sys.argv = ["fexel", "go"]
+cli.main()
+"""
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (result.returncode, result.stdout) == (0, "done\n")
 
 
 def test_validators_are_those_that_the_modules_of_the_package_declare(tmp_path, monkeypatch):
