@@ -10,7 +10,7 @@
 // Record, written by fexel/textures/umbrella_binding.py:
 //   0  position.x * w from (s, t, 1) in cells of the arrangement, less base.x * w; base.x
 //   1  position.y ...; base.y
-//   2  cells along s, t; cells of the authored grid per cell, along s, t
+//   2  cells along s, t; cells of the full grid per cell, along s, t
 //   3  page texels of the first texel: of the float page, of the half page
 //   4  bins and slices of the tables; colour blend; codes = wrap mode along s + 4 * along t + 16 * log2 of a row of the float
 //      page's texels + 512 * log2 of one of the half page's
@@ -56,7 +56,7 @@ struct UmbrellaPosition {
     vec2 dx;
     vec2 dy;
     vec2 cells;
-    vec2 perCell;            // cells of the authored grid
+    vec2 perCell;            // cells of the full grid, also of a coarser arrangement
     float w;
 };
 

@@ -316,8 +316,6 @@ def test_levels_blend_as_in_the_twin(gl, tmp_path, rng, kind, pixels_per_cell):
         levels.append(UmbrellaLevelData(1, "/Lawn/One", (3, 2), merged(rng, arrangement, (3, 2))))
     if kind != "merged":
         levels.append(UmbrellaLevelData(len(levels) + 1, "/Lawn/Two", image=level_image(rng, tmp_path)))
-    if kind == "merged" and pixels_per_cell < 4:
-        return  # beyond the last merged level the renderer has a picture of its own
     data = ground(arrangement, levels=tuple(levels))
     size = tuple(round(32 * n / max(GRID)) * 4 for n in GRID)
     times = np.array(size) / pixels_per_cell / GRID
@@ -330,6 +328,21 @@ def test_levels_blend_as_in_the_twin(gl, tmp_path, rng, kind, pixels_per_cell):
         st_scale=times,
         st_offset=(0.1, 0.1),
     )
+    check(found, 0.06)
+
+
+@pytest.mark.parametrize("pixels_per_cell", [3, 2, 1.5, 1, 0.8])
+def test_views_of_coarse_levels_alone_take_the_right_ones(gl, tmp_path, rng, pixels_per_cell):
+    """From the first merged level to beyond the third, where the renderer's own picture follows."""
+    arrangement = lawn(rng, tmp_path, 60)
+    levels = tuple(
+        UmbrellaLevelData(number, f"/Lawn/L{number}", grid, merged(rng, arrangement, grid))
+        for number, grid in ((1, (3, 2)), (2, (2, 1)), (3, (1, 1)))
+    )
+    size = (96, 64)
+    times = np.array(size) / pixels_per_cell / GRID
+    view = front_view((0, 0), (1, 1), *size)
+    found = errors(gl, ground(arrangement, levels=levels), view, quad((0, 0), times), 1.0, st_scale=times)
     check(found, 0.06)
 
 

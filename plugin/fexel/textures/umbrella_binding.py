@@ -135,7 +135,7 @@ def umbrella_record(
         [
             [*rows[0], base[0]],
             [*rows[1], base[1]],
-            [*cells, *(np.array(arrangement.grid) / cells)],
+            [*cells, *(np.array(data.arrangement.grid) / cells)],
             origins,
             [layout.bins, layout.slices, arrangement.color_blend if bits[1] else 0.0, codes],
             [*(np.array(arrangement.shadow_offset) * cells), arrangement.shadow_strength, images.bases],

@@ -3,27 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import overload
+from typing import Any, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fexel import mipmaps
 from fexel.textures.footprint import Footprint
-from fexel.textures.image_source import ImageSource
 from fexel.textures.page_texels import decode_page
 from fexel.textures.pinchmap_lattice import trilinear
+from fexel.textures.pool import TexelReader
 from fexel.textures.pyramid_cache import PyramidCache
+from fexel.textures.umbrella import BASE_IMAGE_BIAS
+from fexel.textures.umbrella_arrangement import Arrangement
 
-__all__ = ["TwinImage"]
+__all__ = ["TwinImage", "base_images"]
 
 
 class _Levels(Sequence[NDArray[np.float32]]):
     """Mip levels, each read when it is first looked at."""
 
-    def __init__(self, source: ImageSource, path: str, cache: PyramidCache) -> None:
-        self._source, self._path, self._cache = source, path, cache
-        self._facts = cache.facts(source, path)
+    def __init__(self, source: Any, path: str, reader: TexelReader) -> None:
+        self._source, self._path, self._reader = source, path, reader
+        self._facts = reader.facts(source, path)
         self._levels: dict[int, NDArray[np.float32]] = {}
 
     def __len__(self) -> int:
@@ -39,7 +41,7 @@ class _Levels(Sequence[NDArray[np.float32]]):
         number = range(len(self))[index]
         if number not in self._levels:
             width, height = (mipmaps.level_size(size, number) for size in self._facts.size)
-            texels = self._cache.window(self._source, self._path, number, (0, 0, width, height))
+            texels = self._reader.window(self._source, self._path, number, (0, 0, width, height))
             self._levels[number] = decode_page(texels[1:-1, 1:-1], self._facts.page_class)
         return self._levels[number]
 
@@ -49,17 +51,18 @@ class TwinImage:
 
     Parameters
     ----------
-    source : ImageSource
+    source : object
+        Of the reader.
     path : str
         Prim to name when the file cannot be read: its fallback then stands in.
-    cache : PyramidCache
+    reader : TexelReader
     finer : float
         By how many mip levels it is read finer than its texels call for.
     """
 
-    def __init__(self, source: ImageSource, path: str, cache: PyramidCache, finer: float = 0.0) -> None:
-        facts = cache.facts(source, path)
-        self._levels = _Levels(source, path, cache)
+    def __init__(self, source: Any, path: str, reader: TexelReader, finer: float = 0.0) -> None:
+        facts = reader.facts(source, path)
+        self._levels = _Levels(source, path, reader)
         self.wrap = facts.wrap
         self._size = np.array(facts.size) / 2.0**finer
         self.info = facts.info
@@ -96,3 +99,12 @@ class TwinImage:
             place = uv[taken] + ((number + 0.5) * share - 0.5)[:, None] * axis[taken]
             result[taken] += share[:, None] * trilinear(self._levels, place, lod[taken], self.wrap)
         return result
+
+
+def base_images(arrangement: Arrangement, paths: Sequence[str], cache: PyramidCache) -> list[TwinImage | None]:
+    """Of each shape; `paths` are the prims to name, if known."""
+    known = {}
+    for shape, path in zip(arrangement.shapes, paths or [""] * len(arrangement.shapes), strict=True):
+        if shape.image is not None and shape.image not in known:
+            known[shape.image] = TwinImage(shape.image, path, cache, finer=BASE_IMAGE_BIAS)
+    return [None if shape.image is None else known[shape.image] for shape in arrangement.shapes]

@@ -16,10 +16,13 @@ from fexel.textures.atlas import Box
 from fexel.textures.kept_texels import KeptTexels
 from fexel.textures.page_format import HALF, SRGB
 from fexel.textures.page_texels import bordered, encode_page, inner_box
+from fexel.textures.pinchmap_lattice import blocks
 from fexel.textures.pyramid_cache import ImageFacts, PyramidCache
 from fexel.textures.umbrella import UmbrellaData
 from fexel.textures.umbrella_arrangement import Arrangement
-from fexel.textures.umbrella_twin import UmbrellaTwin
+from fexel.textures.umbrella_composite import CompositeTwin
+from fexel.textures.umbrella_images import TwinImage, base_images
+from fexel.textures.umbrella_layers import ArrangementTwin
 
 __all__ = ["PictureSource", "PictureTexels", "picture_level", "picture_source", "umbrella_cells"]
 
@@ -28,6 +31,7 @@ _SAMPLES = 2  # along an axis of a texel
 _MOST_SAMPLES = 1 << 20  # of a picture: seconds
 _TYPICAL_CELLS = 1.5  # how wide umbrellas are meant to be
 _WRAP = ("repeat", "repeat")
+_BLOCK = 1 << 15
 
 
 @dataclass(frozen=True)
@@ -113,7 +117,15 @@ class PictureTexels:
         columns, rows = width * _SAMPLES, height * _SAMPLES
         s, t = (np.arange(columns) + 0.5) / columns, (np.arange(rows)[::-1] + 0.5) / rows
         st = np.stack(np.meshgrid(s, t), axis=-1).reshape(-1, 2)
-        twin = UmbrellaTwin(source.data, path, most_probes=1.0, cache=self._cache)
-        color = twin.sample(st, np.diag([1.0 / columns, 1.0 / rows]))
+        color = np.zeros((len(st), 4))
+        twin, axes = self._twin(source.data, path), np.diag([1.0 / columns, 1.0 / rows])
+        for block in blocks(len(st), _BLOCK):
+            color[block] = twin.sample(st[block], np.broadcast_to(axes, (len(st[block]), 2, 2)))
         color = color.reshape(height, _SAMPLES, width, _SAMPLES, 4).mean(axis=(1, 3))
         return color.astype(np.float32)
+
+    def _twin(self, data: UmbrellaData, path: str) -> CompositeTwin:
+        images = base_images(data.arrangement, data.paths, self._cache)
+        umbrellas = ArrangementTwin(data.arrangement, images, data.turns_vectors)
+        background = TwinImage(data.background, path, self._cache)
+        return CompositeTwin(umbrellas, background, _WRAP, data.arrangement.grid, 1.0)

@@ -4,7 +4,8 @@ Sections 4 and 6 of Just-in-time texture synthesis (2012) with the open points s
 clamp(c_t + f c_c)`` (eq. 1, U1) with c_c interpolated in the sector (U6), composited front to back; a place is shaded
 by the umbrellas in front of what it shows that cover the place moved against the shadow offset (6.2); edges as soft as
 a pixel is wide, across each edge; between levels of detail a linear blend (6.3, U4). Along long footprints several
-probes are taken.
+probes are taken. Beyond the coarsest level, if that is merged umbrellas, a picture of the whole follows as in the
+renderer (`umbrella_picture`); without levels umbrellas alone are seen at every footprint.
 
 Conventions: st runs right and up; M is a number of points; colours are linear and premultiplied.
 """
@@ -20,12 +21,14 @@ from numpy.typing import NDArray
 from fexel import homography
 from fexel.textures.footprint import Footprint
 from fexel.textures.image_source import BIAS_ZERO, SCALE_ONE
+from fexel.textures.kept_texels import KeptTexels
 from fexel.textures.pinchmap_lattice import blocks
 from fexel.textures.pyramid_cache import PyramidCache
-from fexel.textures.umbrella import BASE_IMAGE_BIAS, LEVEL_IMAGE_BIAS, UmbrellaData, UmbrellaLevelData
-from fexel.textures.umbrella_arrangement import Arrangement
-from fexel.textures.umbrella_images import TwinImage
+from fexel.textures.umbrella import LEVEL_IMAGE_BIAS, UmbrellaData, UmbrellaLevelData
+from fexel.textures.umbrella_composite import CompositeTwin, wrapped
+from fexel.textures.umbrella_images import TwinImage, base_images
 from fexel.textures.umbrella_layers import ArrangementTwin
+from fexel.textures.umbrella_picture import PictureTexels, picture_level, picture_source
 
 __all__ = ["FULL_DETAIL", "UmbrellaTwin"]
 
@@ -64,7 +67,7 @@ class UmbrellaTwin:
         self._probes = max(1.0, float(most_probes))
         self._cache = cache or PyramidCache()
         self._background = TwinImage(data.background, path, self._cache)
-        images = self._images(data.arrangement, data.paths)
+        images = base_images(data.arrangement, data.paths, self._cache)
         self._levels = [_Level(0, ArrangementTwin(data.arrangement, images, data.turns_vectors), None)]
         for level in data.levels:
             usable = self._level(level)
@@ -72,22 +75,24 @@ class UmbrellaTwin:
                 self._levels.append(usable)
             if usable is not None and usable.image is not None:
                 break  # its mip levels serve all coarser footprints
-
-    def _images(self, arrangement: Arrangement, paths: tuple[str, ...]) -> list[TwinImage | None]:
-        known = {}
-        for shape, path in zip(arrangement.shapes, paths or [""] * len(arrangement.shapes), strict=True):
-            if shape.image is not None and shape.image not in known:
-                known[shape.image] = TwinImage(shape.image, path, self._cache, finer=BASE_IMAGE_BIAS)
-        return [None if shape.image is None else known[shape.image] for shape in arrangement.shapes]
+        last = self._levels[-1]
+        if last.level and last.image is None:
+            self._levels.append(self._own_picture(last.level + 1, path))
 
     def _level(self, level: UmbrellaLevelData) -> _Level | None:
         if level.arrangement is not None:
             paths = (level.path,) * len(level.arrangement.shapes)
-            images = self._images(level.arrangement, paths)
+            images = base_images(level.arrangement, paths, self._cache)
             return _Level(level.level, ArrangementTwin(level.arrangement, images), None)
         assert level.image is not None
         image = TwinImage(level.image, level.path, self._cache, finer=LEVEL_IMAGE_BIAS)
         return None if image.info is None else _Level(level.level, None, image)
+
+    def _own_picture(self, least: int, path: str) -> _Level:
+        """What follows the coarsest merged umbrellas, at `least`; made when it is first looked at."""
+        reader = PictureTexels(KeptTexels(), self._cache)
+        level = max(picture_level(self._data.arrangement), least)
+        return _Level(level, None, TwinImage(picture_source(self._data), path, reader))
 
     @cached_property
     def wrap(self) -> tuple[str, str]:
@@ -170,44 +175,11 @@ class UmbrellaTwin:
         self, level: _Level, st: NDArray[np.float64], axes: NDArray[np.float64], hard: bool
     ) -> NDArray[np.float64]:
         if level.image is not None:
-            place, direction = self._wrapped(st)
+            place, direction = wrapped(st, self.wrap)
             return level.image.sample(place, axes * direction[:, :, None], self._probes)
         assert level.umbrellas is not None
-        cells = np.array(level.umbrellas.arrangement.grid, np.float64)
-        footprint = Footprint.of(axes * cells[:, None])
-        probes = footprint.probes(self._probes)
-        across = footprint.direction / np.where(footprint.major > 0, footprint.major, 1.0)[:, None]
-        along = np.einsum("mi,mij->mj", across * cells, axes)
-        shorter = axes - (1.0 - 1.0 / probes)[:, None, None] * (across / cells)[:, :, None] * along[:, None, :]
-        result = np.zeros((len(st), 4))
-        for number in range(int(probes.max(initial=1))):
-            taken = np.flatnonzero(number < probes)
-            share = 1.0 / probes[taken]
-            place = st[taken] + ((number + 0.5) * share - 0.5)[:, None] * footprint.direction[taken] / cells
-            axes = shorter[taken]
-            inside, direction = self._wrapped(place)
-            color, through, light = level.umbrellas.sample(inside, axes * direction[:, :, None], hard)
-            seen = np.flatnonzero(through > 0)
-            behind = through[seen, None] * self._background.sample(place[seen], axes[seen])
-            behind[:, :3] *= light[seen, None]
-            color[seen] += behind
-            result[taken] += share[:, None] * color
-        return result
-
-    def _wrapped(self, st: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Points in [0, 1]^2, and which way they run along st there: 1, or -1 where mirrored."""
-        place, direction = np.empty_like(st), np.ones_like(st)
-        for axis, mode in enumerate(self.wrap):
-            at = st[:, axis]
-            if mode == "repeat":
-                place[:, axis] = at - np.floor(at)
-            elif mode == "mirror":
-                period = at - 2.0 * np.floor(0.5 * at)
-                place[:, axis] = np.where(period > 1.0, 2.0 - period, period)
-                direction[:, axis] = np.where(period > 1.0, -1.0, 1.0)
-            else:
-                place[:, axis] = np.clip(at, 0.0, 1.0)
-        return place, direction
+        twin = CompositeTwin(level.umbrellas, self._background, self.wrap, self._data.arrangement.grid, self._probes)
+        return twin.sample(st, axes, hard)
 
     def _scaled(self, color: NDArray[np.float64]) -> NDArray[np.float64]:
         """``inputs:scale`` and ``inputs:bias`` on straight colour."""
