@@ -14,6 +14,8 @@ from fexel import homography, textures
 from fexel._resources import shaders_dir
 from fexel.renderer.program import ProgramCache
 from fexel.renderer.visible import visible_surface
+from fexel.textures import binding as binding_module
+from fexel.textures.binding import TextureBinding
 from fexel.textures.kind import Part, Slot
 from fexel.textures.system import TextureRequest, TextureSystem
 
@@ -141,3 +143,17 @@ def test_kind_of_its_own_renders_alone_in_a_zipmap_and_beside_others(gl, tmp_pat
     system.begin_view(only)
     assert (picture(gl, programs, system, only, 0, view)[..., 0] == checker(st)).all()
     system.release()
+
+
+def test_kinds_unite_what_they_need_of_a_shared_shader(monkeypatch):
+    """Whichever comes last, images are looked up in all page classes and levels that any kind has."""
+    shared = {
+        "zipmap": {"IMAGE_LEVELS": 2, "IMAGE_SRGB": 1, "IMAGE_HALF": 0},
+        "umbrella": {"IMAGE_LEVELS": 1, "IMAGE_HALF": 1},
+    }
+    parts = {kind: Part({f"{kind.upper()}_SLOTS": 1}, shared=defines) for kind, defines in shared.items()}
+    halves = {kind: types.SimpleNamespace(bind=lambda *_, part=part: part) for kind, part in parts.items()}
+    monkeypatch.setattr(binding_module, "gpu_half", halves.__getitem__)
+    slots = [Slot(kind=kind, page_classes=frozenset(), record=0) for kind in shared]
+    defines = TextureBinding(slots, types.SimpleNamespace(), 8).defines
+    assert {"IMAGE_LEVELS": 2, "IMAGE_SRGB": 1, "IMAGE_HALF": 1, "ZIPMAP_SLOTS": 1}.items() <= defines.items()

@@ -59,6 +59,7 @@ class TextureBinding:
         inner = {slot.kind for slot in nested}
         self.includes = tuple(f"{kind}.glsl" for kind in sorted(kinds, key=lambda kind: (kind not in inner, kind)))
         self.defines = {name: value for part in self._parts for name, value in part.defines.items()}
+        self.defines |= _united([part.shared for part in self._parts])
         self.defines |= _numbers(slots)
         self.defines |= {f"PAGES_{page.name.upper()}": int(n in self._classes) for n, page in enumerate(PAGE_FORMATS)}
         self.defines["TEXTURE_RECORDS"] = int(any(part.records for part in self._parts))
@@ -89,6 +90,12 @@ def _with_nested(slots: Sequence[Slot]) -> Iterator[Slot]:
     for slot in slots:
         yield slot
         yield from _with_nested(slot.nested)
+
+
+def _united(shared: Sequence[dict[str, int]]) -> dict[str, int | str]:
+    """The greatest of each define: what all kinds that use a file need of it."""
+    names = {name for defines in shared for name in defines}
+    return {name: max(defines.get(name, 0) for defines in shared) for name in sorted(names)}
 
 
 def _numbers(slots: Sequence[Slot]) -> dict[str, int | str]:

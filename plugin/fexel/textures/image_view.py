@@ -78,8 +78,8 @@ def write_image_records(views: Sequence[ImageView], pool: TexturePool) -> list[i
     return [pool.records.append(view.record(pool)) for view in views]
 
 
-def image_defines(views: Sequence[ImageView], pool: TexturePool, *, probes: bool) -> dict[str, int | str]:
-    """What shaders/image.glsl is compiled for: the images of a material, whose levels need not be loaded yet."""
+def image_defines(views: Sequence[ImageView], pool: TexturePool, *, probes: bool) -> dict[str, int]:
+    """What shaders/image.glsl is compiled for: images of one kind, whose levels need not be loaded yet; kinds unite."""
     facts = [pool.facts(view.image) for view in views]
     classes = {fact.page_class for fact in facts}
     return {

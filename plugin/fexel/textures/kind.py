@@ -79,12 +79,15 @@ class Part:
         For flat varyings: ``textureConstants`` from ``<KIND>_FLAT`` on. At most the room that was given.
     records : bool
         Whether the shader reads the record texture.
+    shared : dict of str to int
+        Defines of shader files that several kinds use, shaders/image.glsl for one: a program gets the greatest of each.
     """
 
     defines: dict[str, int | str]
     uniforms: dict[str, NDArray] = field(default_factory=dict)
     constants: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 4)))
     records: bool = False
+    shared: dict[str, int] = field(default_factory=dict)
 
 
 class Plan(Protocol):

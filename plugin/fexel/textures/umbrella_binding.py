@@ -183,9 +183,9 @@ def bind(slots: Sequence[UmbrellaSlot], nested: Sequence[UmbrellaSlot], room: in
     }
     defines |= {"UMBRELLA_SLOTS": max(len(slots), 1), "UMBRELLA_FLATS": flats, "UMBRELLA_CONSTANTS": CONSTANTS}
     images = [view for slot in everything for view in slot.images]
-    defines |= image_defines(images, pool, probes=any(each.probes for each in features))
+    shared = image_defines(images, pool, probes=any(each.probes for each in features))
     uniforms: dict[str, NDArray] = {"umbrellaMaxProbes": np.array([[pool.anisotropy]])}
     if slots:
         uniforms["umbrellaRecord"] = np.array([(slot.record, 0, 0, 0) for slot in slots])
     constants = np.concatenate([np.zeros((0, 4)), *(slot.constants[:CONSTANTS] for slot in slots[:flats])])
-    return Part(defines, uniforms, constants, records=True)
+    return Part(defines, uniforms, constants, records=True, shared=shared)
