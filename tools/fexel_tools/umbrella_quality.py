@@ -26,6 +26,7 @@ _LARGE = 6.0
 _HOLLOW = 0.75  # solidity over the median, where nothing is left of the quality
 _FEW_PX, _ENOUGH_PX = 10.0, 28.0  # root of the area: nothing is left of the quality, all is
 _PLAIN, _BUSY = 0.06, 0.3  # noise of the ground over the contrast: all of the quality, nothing
+_CLIPPED = 8.0  # one over the share of the rim on the edge of the picture where nothing is left of the quality
 _RAGGED = 0.25  # length of the smoothed outline over that of the outline, where nothing is left of the quality
 
 
@@ -79,7 +80,7 @@ def segment_qualities(
     boxes = _boxes(labels, count)
     areas = np.bincount(labels.ravel(), minlength=count + 1)[1:]
     typical = float(np.median(areas)) if count else 1.0
-    solidities = [_solidity(labels[_slices(box)] == number + 1) for number, box in enumerate(boxes)]
+    solidities = [_solidity(_filled(labels[_slices(box)] == number + 1)) for number, box in enumerate(boxes)]
     usual = float(np.median(solidities)) if count >= 3 else 0.0
     return [
         _quality(
@@ -126,7 +127,7 @@ def _quality(
     number, box, area = segment.number, segment.box, segment.area
     height, width = labels.shape
     rows, columns = slice(max(box[1] - 4, 0), box[3] + 4), slice(max(box[0] - 4, 0), box[2] + 4)
-    own = labels[rows, columns] == number
+    own = _filled(labels[rows, columns] == number)
     other = (labels[rows, columns] > 0) & ~own
     rim = _rim(own)
     y, x = np.nonzero(rim)
@@ -135,7 +136,7 @@ def _quality(
     cuts = float((rim & _grown(other, 1)).sum() / rim.sum())
     inner, outer = _contrast(own, other, distance[rows, columns])
     parts = {
-        "clipped by the edge of the photo": 1 - min(4 * on_edge, 1),
+        "clipped by the edge of the photo": 1 - min(_CLIPPED * on_edge, 1),
         "touches its neighbours": 1 - min(max(cuts - 0.1, 0) * 1.25, 1),
         "hardly differs from the ground": min(inner / _FULL_CONTRAST, 1),
         "its rim is blurred": min(max(inner - outer, 0) / max(0.5 * inner, 1e-6), 1),
@@ -153,8 +154,16 @@ def _slices(box: tuple[int, int, int, int]) -> tuple[slice, slice]:
     return slice(box[1], box[3]), slice(box[0], box[2])
 
 
+def _filled(own: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """The segment with its holes: what is judged is its outline."""
+    contours, _ = cv2.findContours(own.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    return cv2.drawContours(np.zeros(own.shape, np.uint8), contours, -1, 1, cv2.FILLED) > 0
+
+
 def _solidity(own: NDArray[np.bool_]) -> float:
-    hull = cv2.convexHull(np.argwhere(own)[:, ::-1].astype(np.int32))
+    rows = np.flatnonzero(own.any(axis=1))
+    ends = [own[rows].argmax(axis=1), own.shape[1] - 1 - own[rows, ::-1].argmax(axis=1)]  # of each row: the hull's are
+    hull = cv2.convexHull(np.stack([np.concatenate(ends), np.tile(rows, 2)], axis=1).astype(np.int32))
     filled = cv2.fillConvexPoly(np.zeros(own.shape, np.uint8), hull, 1)
     return float(own.sum() / max(filled.sum(), 1))
 

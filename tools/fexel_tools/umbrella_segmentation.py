@@ -6,12 +6,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fexel_tools.umbrella_ground import Ground
+from fexel_tools.umbrella_holes import ground_shown, with_notches
 from fexel_tools.umbrella_photo import Box, Preview
 from fexel_tools.umbrella_quality import Quality
+from fexel_tools.umbrella_remains import returned_parts, without_shadows
 from fexel_tools.umbrella_segments import (
     components,
     fill_holes,
     fill_secluded,
+    largest_parts,
+    numbered,
     split_touching,
     trim_contacts,
     without_specks,
@@ -23,7 +27,6 @@ _SPECK = 1e-4  # of the photo's area: less is noise
 _LEAST_SPECK_PX = 9
 _MINOR = 0.1  # of the largest segment's area: a segment that counts when deciding whether a photo shows many
 _HOLE = 0.05  # of an element's area: a larger hole stays one, unless it lies deep inside
-_COLORLESS = 15.0  # chroma in CIELAB
 _CROWD = 6  # parts of what hangs together, from which on they are elements of their own rather than lobes
 _CUT_CROWD = 4  # the same of what reaches three sides of the photo
 _FULL = 0.98  # of the photo: elements that cover more leave no ground to tell them by
@@ -43,18 +46,22 @@ def find_segments(preview: Preview, ground: Ground | None, kind: str) -> tuple[s
         return "nothing differs from its ground"
     if ground is not None and mask.mean() > _FULL:
         return "no plain ground was found around its elements"
-    glints = ground is not None and _is_colorless(preview.lab[~mask])
-    labels = components(fill_secluded(mask) if glints else mask)
+    filled = mask if ground is None else fill_secluded(mask)
+    labels = components(filled)
     if kind == "auto":
         kind = "cutout" if ground is None else _kind_of(labels)
     if kind == "many":
-        labels = trim_contacts(split_touching(labels))
-    return kind, fill_holes(labels, _HOLE) if glints else labels
-
-
-def _is_colorless(lab: NDArray[np.float32]) -> bool:
-    """Whether the ground is white, grey or black, so that glints and shades of an element may look like it."""
-    return float(np.hypot(*np.median(lab[:, 1:], axis=0))) < _COLORLESS if len(lab) else True
+        labels = split_touching(labels)
+    if ground is not None:
+        labels = largest_parts(labels, with_notches(filled, ground))
+    if kind == "many":
+        if ground is not None:
+            labels = without_shadows(returned_parts(labels, preview.lab), preview.lab, ground.distance)
+        trimmed = trim_contacts(labels)
+        labels = largest_parts(trimmed, trimmed > 0)
+    if ground is not None:
+        labels = np.where(ground_shown(mask, ground), 0, fill_holes(labels, _HOLE))
+    return kind, numbered(labels)
 
 
 def _kind_of(labels: NDArray[np.int32]) -> str:

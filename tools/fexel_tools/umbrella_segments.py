@@ -12,14 +12,22 @@ import cv2
 import numba
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
-__all__ = ["components", "fill_holes", "fill_secluded", "split_touching", "trim_contacts", "without_specks"]
+__all__ = [
+    "components",
+    "fill_holes",
+    "fill_secluded",
+    "largest_parts",
+    "numbered",
+    "split_touching",
+    "trim_contacts",
+    "without_specks",
+]
 
 _NECK = 0.8  # distance where two basins meet, over that at the lower maximum: above, they are one element
 _SECLUDED = 3.5
-_THIN = 0.15
-_THIN_AREA = 0.1  # of the segment: a larger part is its own
+_THIN = ((0.15, 0.1), (0.35, 0.02))  # of the widest, and of the area: a part larger than that is the segment's own
+_WHOLE = 0.85  # of a segment's area: less left of it, and it has fallen apart
 _SMOOTH = 0.04  # of the largest distance: so much it is smoothed, so that serrated rims make no maxima
 
 
@@ -100,12 +108,49 @@ def split_touching(labels: NDArray[np.int32]) -> NDArray[np.int32]:
     return np.unique(basins, return_inverse=True)[1].reshape(labels.shape).astype(np.int32)
 
 
+def largest_parts(labels: NDArray[np.int32], kept: NDArray[np.bool_]) -> NDArray[np.int32]:
+    """Segments reduced to what is kept of them and hangs together; one that would fall apart stays as it is.
+
+    Parameters
+    ----------
+    labels : (h, w) int32
+    kept : (h, w) bool
+    """
+    result = labels.copy()
+    for number in range(1, int(labels.max()) + 1):
+        own = labels == number
+        left, top, width, height = cv2.boundingRect(own.astype(np.uint8))
+        found = slice(top, top + height), slice(left, left + width)
+        _, parts, stats, _ = cv2.connectedComponentsWithStats((own & kept)[found].astype(np.uint8), connectivity=4)
+        if len(stats) < 2:
+            continue
+        largest = 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA]))
+        if stats[largest, cv2.CC_STAT_AREA] >= _WHOLE * np.count_nonzero(own):
+            result[found][own[found] & (parts != largest)] = 0
+    return result
+
+
+def numbered(labels: NDArray[np.integer]) -> NDArray[np.int32]:
+    """The same segments numbered 1 to n, without those of which nothing is left."""
+    present = np.bincount(labels.ravel()) > 0
+    present[0] = False
+    return np.where(present, np.cumsum(present), 0).astype(np.int32)[labels]
+
+
 def trim_contacts(labels: NDArray[np.int32]) -> NDArray[np.int32]:
     """Take away thin parts of segments that touch another one, or the photo's edge: remains of others, cut at the neck.
 
-    Thin is what a disc of `_THIN` times the segment's widest does not fit into; parts that touch nothing, such as the
-    tips of leaves, stay.
+    Thin is what a disc of `_THIN` times the segment's widest does not fit into, the wider the smaller it may be; parts
+    that touch nothing, such as the tips of leaves, stay.
     """
+    for width, share in _THIN:
+        labels = _trimmed(labels, width, share)
+    return labels
+
+
+def _trimmed(labels: NDArray[np.int32], width: float, share: float) -> NDArray[np.int32]:
+    from scipy import ndimage  # takes a third of a second to import; only photos of many elements need it
+
     padded = np.pad(labels, 2, constant_values=-1)
     trimmed = padded.copy()
     kernel = np.ones((3, 3), np.uint8)
@@ -118,14 +163,22 @@ def trim_contacts(labels: NDArray[np.int32]) -> NDArray[np.int32]:
         others = (padded[window] != 0) & (own == 0)
         if not others.any():
             continue
-        size = 2 * max(round(_THIN * float(widest[number])), 1) + 1
+        size = 2 * max(round(width * float(widest[number])), 1) + 1
         disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
         thin = own & (1 - cv2.morphologyEx(own, cv2.MORPH_OPEN, disc))
         _, parts, stats, _ = cv2.connectedComponentsWithStats(thin, connectivity=4)
         touching = np.unique(parts[(cv2.dilate(others.astype(np.uint8), kernel) > 0) & (parts > 0)])
-        small = stats[touching, cv2.CC_STAT_AREA] < _THIN_AREA * own.sum()
-        trimmed[window][np.isin(parts, touching[small])] = 0
+        small = stats[touching, cv2.CC_STAT_AREA] < share * own.sum()
+        remain = np.isin(parts, touching[small])
+        if _holds_together((own > 0) & ~remain, (1 - 2 * share) * own.sum()):
+            trimmed[window][remain] = 0
     return trimmed[2:-2, 2:-2].copy()
+
+
+def _holds_together(mask: NDArray[np.bool_], least_area: float) -> bool:
+    """Whether the largest part of a mask has at least so many pixels."""
+    stats = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=4)[2]
+    return len(stats) > 1 and float(stats[1:, cv2.CC_STAT_AREA].max()) >= least_area
 
 
 def _distance(labels: NDArray[np.int32]) -> NDArray[np.float32]:
