@@ -579,3 +579,34 @@ def test_second_level_of_a_number_is_left_out():
     data, messages = said(stage)
     assert [level.path for level in data.levels] == ["/Lawn/A.file"]
     assert messages == ["/Lawn/B.level: 1 is that of /Lawn/A as well; it is left out"]
+
+
+# Perspective
+
+
+KITE = [(0, 0), (-1, -0.1), (0.1, -0.1), (1, 0), (0.1, 0.1)]
+"""Nothing of it is near the corner (1, 1) of its box."""
+
+
+def test_perspective_that_only_a_corner_of_the_box_does_not_stand_is_drawn():
+    stage = lawn(1)
+    square(stage).CreatePointsAttr(KITE)
+    tilted = Gf.Matrix3d(0.1, 0, -0.9, 0, 0.1, -2, 0.5, 0.5, 1)  # w < 0 at (1, 0.1), 0.1 at (1, 0)
+    umbrella(stage).CreateMatricesAttr([tilted])
+    data, messages = said(stage)
+    assert messages == []
+    assert len(data.arrangement) == 1
+    flat = np.c_[np.array(KITE), np.ones(5)] @ np.array(tilted)
+    assert np.allclose(data.arrangement.vertices, flat[:, :2] / flat[:, 2:])
+
+
+@pytest.mark.parametrize(("morph", "drawn"), [(0, 1), (0.5, 1), (1, 0)])
+def test_perspective_is_judged_by_the_shape_that_an_umbrella_takes(morph, drawn):
+    stage = lawn(1)
+    square(stage).CreateMorphPointsAttr([(2 * x, 2 * y) for x, y in SQUARE])
+    umbrella(stage).CreateMorphsAttr([morph])
+    umbrella(stage).CreateMatricesAttr([Gf.Matrix3d(0.1, 0, 1.2, 0, 0.1, 0, 0.5, 0.5, 1)])  # w > 0 from x = -5/6
+    data, messages = said(stage)
+    assert len(data.arrangement) == drawn
+    assert len(messages) == 1 - drawn
+    assert all("maps infinity into the umbrella" in message for message in messages)

@@ -10,6 +10,9 @@ from fexel.textures.umbrella import DIGEST_KEY, extract, level_digest
 
 SQUARE = [(0.5, 0.5), (0, 0), (1, 0), (1, 1), (0, 1)]
 IDENTITY = Gf.Matrix3d(1)
+NEARLY_FLAT = Gf.Matrix3d(1, 1, 0, 1, 1 + 1e-14, 0, 0, 0, 1)
+INFINITE = Gf.Matrix3d(1, 0, 1.5, 0, 1, 0, 0, 0, -0.5)  # w is 0 at x = 1/3, left of the centre
+HUGE = Gf.Matrix3d(17, 0, 0, 0, 17, 0, 0, 0, 1)
 
 
 @pytest.fixture
@@ -51,6 +54,9 @@ def test_consistent_arrays_are_no_fault(lawn):
         ("umbrella", "PatchIndices", [-1, 0], "patchIndices: entry 0 is -1, expected 0 to 0"),
         ("umbrella", "Matrices", [IDENTITY, Gf.Matrix3d(0)], "matrices: entry 1 is singular"),
         ("umbrella", "Matrices", [Gf.Matrix3d(float("nan")), IDENTITY], "matrices: entry 0 is not finite"),
+        ("umbrella", "Matrices", [IDENTITY, NEARLY_FLAT], "matrices: entry 1 is singular"),
+        ("umbrella", "Matrices", [INFINITE, IDENTITY], "matrices: entry 0 maps infinity into the umbrella"),
+        ("umbrella", "Matrices", [IDENTITY, HUGE], "matrices: entry 1 spans 17 times the unit square"),
         ("umbrella", "Grid", Gf.Vec2i(0, 4), "grid: grid of 0 x 4 cells"),
         ("leaf", "TexCoords", SQUARE[:4], "texCoords: 4 entries, expected 5"),
         ("leaf", "MorphPoints", SQUARE[:3], "morphPoints: 3 entries, expected 5"),
@@ -58,6 +64,8 @@ def test_consistent_arrays_are_no_fault(lawn):
         ("level", "Points", SQUARE[:4], "points: 4 entries, expected 5"),
         ("level", "Colors", [(0, 0, 0)], "colors: 1 entries, expected 5"),
         ("level", "Coverages", [0.1, 0.2], "coverages: 2 entries, expected 1"),
+        ("level", "Matrices", [NEARLY_FLAT], "matrices: entry 0 is singular"),
+        ("level", "Matrices", [HUGE], "matrices: entry 0 spans 17 times the unit square"),
         ("level", "PatchIndices", [1], "patchIndices: entry 0 is 1, expected -1 to 0"),
     ],
 )
@@ -78,6 +86,31 @@ def test_patch_needs_a_centre_and_a_contour(lawn):
 def test_points_that_are_not_finite_are_found(lawn):
     lawn.leaf.CreatePointsAttr([(float("nan"), 0), *SQUARE[1:]])
     assert "points: holds values that are not finite" in lawn.the_only("fexel:UmbrellaArrays").message
+
+
+def test_faults_of_a_later_time_are_found_and_say_it_once(lawn):
+    matrices = lawn.umbrella.GetMatricesAttr()
+    for time, second in enumerate((IDENTITY, NEARLY_FLAT, NEARLY_FLAT)):
+        matrices.Set([IDENTITY, second], time)
+    finding = lawn.the_only("fexel:UmbrellaArrays")
+    assert "matrices: entry 1 is singular" in finding.message
+    assert finding.message.endswith(" at time 1")
+
+
+def test_arrays_of_different_lengths_at_a_later_time_are_found(lawn):
+    lawn.umbrella.GetPatchIndicesAttr().Set([0, 0], 0)
+    lawn.umbrella.GetPatchIndicesAttr().Set([0, 0, 0], 24)
+    finding = lawn.the_only("fexel:UmbrellaArrays")
+    assert "matrices: 2 entries, expected 3, as many as patchIndices at time 24" in finding.message
+
+
+def test_shape_that_infinity_enters_at_a_later_time_is_found_at_the_texture(lawn):
+    lawn.umbrella.CreateMatricesAttr([IDENTITY, Gf.Matrix3d(1, 0, -0.6, 0, 1, 0, 0, 0, 1)])  # w is 0 at x = 5/3
+    lawn.leaf.GetPointsAttr().Set(SQUARE, 0)
+    lawn.leaf.GetPointsAttr().Set([(2 * x, y) for x, y in SQUARE], 1)
+    finding = lawn.the_only("fexel:UmbrellaArrays")
+    assert finding.path == str(lawn.umbrella.GetPath())
+    assert "matrices: entry 1 maps infinity into the umbrella" in finding.message
 
 
 def test_empty_umbrella_is_no_fault(lawn):

@@ -16,6 +16,7 @@ from fexel.textures.inputs import warn
 from fexel.textures.umbrella_arrangement import Arrangement
 from fexel.textures.umbrella_entries import (
     EntryFaults,
+    Note,
     checked_matrices,
     clipped,
     finite_colors,
@@ -31,7 +32,11 @@ _NO_COLORS = np.zeros((0, 3), np.float32)
 
 
 def read_arrangement(
-    prim: Usd.Prim, time: Usd.TimeCode, patches: tuple[PatchArrays, ...], look: dict[str, Any]
+    prim: Usd.Prim,
+    time: Usd.TimeCode,
+    patches: tuple[PatchArrays, ...],
+    look: dict[str, Any],
+    note: Note | None = None,
 ) -> Arrangement:
     """Read the arrays of an UmbrellaTexture.
 
@@ -42,6 +47,8 @@ def read_arrangement(
     patches : tuple of PatchArrays
     look : dict
         Fields of `Arrangement` that are not arrays: blend and shadow.
+    note : callable, optional
+        Takes faults of entries instead of warnings.
 
     Returns
     -------
@@ -65,13 +72,15 @@ def read_arrangement(
     if fault := arrays.length_fault(counts):
         warn(prim, *fault)
         arrays, counts = _Arrays.nothing(), counts[:0]
-    faults = EntryFaults(prim, len(arrays.indices))
+    faults = EntryFaults(prim, len(arrays.indices), note)
     known = (arrays.indices >= 0) & (arrays.indices < len(patches))
     faults.leave_out("patchIndices", ~known, lambda e: f"is {arrays.indices[e]}, expected 0 to {len(patches) - 1}")
     shape_of = np.where(known, arrays.indices, 0)
     faults.keep &= np.array([len(shape.points) > 0 for shape in shapes] or [False])[shape_of]  # said of the patch
-    matrices = checked_matrices(faults, arrays.matrices, shapes, shape_of)
-    morphs = _limited(faults, clipped(faults, arrays.morphs, len(shape_of), "morphs"), patches, shape_of)
+    most = np.array([patch.fold_weight for patch in patches] or [1.0])[shape_of]
+    morphs = clipped(faults, arrays.morphs, len(shape_of), "morphs")
+    matrices = checked_matrices(faults, arrays.matrices, shapes, shape_of, np.minimum(morphs, most))
+    morphs = _limited(faults, morphs, most, patches, shape_of)
     colors = finite_colors(faults, arrays.colors)
     keep = faults.keep
     if len(colors):
@@ -129,11 +138,11 @@ class _Arrays:
 def _limited(
     faults: EntryFaults,
     morphs: NDArray[np.float64],
+    most: NDArray[np.float64],
     patches: tuple[PatchArrays, ...],
     shape_of: NDArray[np.integer],
 ) -> NDArray[np.float64]:
-    """Morphs that do not fold."""
-    most = np.array([patch.fold_weight for patch in patches] or [1.0])[shape_of]
+    """Morphs that do not fold, `most` at most."""
     folds = faults.keep & (morphs > most)
     faults.say(
         "morphs",

@@ -6,6 +6,7 @@ All is vectorised over umbrellas: there may be a hundred thousand.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from fexel.textures.umbrella_arrangement import Shape
 
 __all__ = [
     "EntryFaults",
+    "Note",
     "checked_matrices",
     "clipped",
     "finite_colors",
@@ -27,6 +29,7 @@ __all__ = [
 ]
 
 _SINGULAR = 1e-12  # area of a matrix's image of the unit square over the lengths of its sides
+_PORTION = 1 << 18  # vertices at a time
 _MOST_PERIODS = 16  # across an umbrella: beyond it a matrix is taken for damaged, and cells would list it without end
 
 
@@ -48,6 +51,10 @@ def read_grid(prim: Usd.Prim, time: Usd.TimeCode) -> tuple[int, int]:
     return grid
 
 
+Note = Callable[[str, str], None]
+"""Takes the name of an attribute and what is wrong with it."""
+
+
 class EntryFaults:
     """Faults of the umbrellas of a prim: each is said once, with the first entry and the number of all.
 
@@ -56,6 +63,8 @@ class EntryFaults:
     prim : Usd.Prim
     count : int
         Umbrellas.
+    note : callable, optional
+        Takes attribute and fault instead of a warning.
 
     Attributes
     ----------
@@ -63,8 +72,8 @@ class EntryFaults:
         Those that are still drawn.
     """
 
-    def __init__(self, prim: Usd.Prim, count: int) -> None:
-        self.prim = prim
+    def __init__(self, prim: Usd.Prim, count: int, note: Note | None = None) -> None:
+        self._note = note or partial(warn, prim)
         self.keep = np.ones(count, bool)
 
     def say(self, name: str, wrong: NDArray[np.bool_], what: Callable[[int], str], instead: str) -> None:
@@ -72,7 +81,7 @@ class EntryFaults:
         entries = np.flatnonzero(wrong)
         if len(entries):
             others = f" ({len(entries)} entries in all)" if len(entries) > 1 else ""
-            warn(self.prim, name, f"entry {entries[0]} {what(int(entries[0]))}; {instead}{others}")
+            self._note(name, f"entry {entries[0]} {what(int(entries[0]))}; {instead}{others}")
 
     def leave_out(self, name: str, wrong: NDArray[np.bool_], what: Callable[[int], str]) -> None:
         """Draw no umbrellas that are wrong; said of those that were to be drawn."""
@@ -81,7 +90,11 @@ class EntryFaults:
 
 
 def checked_matrices(
-    faults: EntryFaults, matrices: NDArray[np.float64], shapes: tuple[Shape, ...], shape_of: NDArray[np.integer]
+    faults: EntryFaults,
+    matrices: NDArray[np.float64],
+    shapes: tuple[Shape, ...],
+    shape_of: NDArray[np.integer],
+    morphs: NDArray[np.float64] | None = None,
 ) -> NDArray[np.float64]:
     """Matrices (n, 3, 3) as `placed_in_unit_square` moves them; umbrellas that cannot be placed are left out."""
     finite = np.isfinite(matrices).all(axis=(1, 2))
@@ -93,15 +106,43 @@ def checked_matrices(
         sides = np.linalg.norm(linear, axis=2)
         area = np.abs(linear[:, 0, 0] * linear[:, 1, 1] - linear[:, 0, 1] * linear[:, 1, 0])
         singular = ~(area > _SINGULAR * sides[:, 0] * sides[:, 1])
-        behind = np.isnan(corners).any(axis=(1, 2))
-        extent = corners.max(axis=1) - corners.min(axis=1)
-        far = ~(extent.max(axis=1, initial=0.0) <= _MOST_PERIODS)
+        morphs = np.zeros(len(matrices)) if morphs is None else morphs
+        behind, extent = _reach(corners, matrices, shapes, shape_of, morphs)
+        far = ~(extent <= _MOST_PERIODS)
     faults.leave_out("matrices", singular, lambda _: "is singular, expected an invertible matrix")
     faults.leave_out("matrices", behind, lambda _: "maps infinity into the umbrella, expected w > 0 in all of it")
-    size = extent.max(axis=1, initial=0.0)
     expected = f"times the unit square, expected at most {_MOST_PERIODS}"
-    faults.leave_out("matrices", far, lambda entry: f"spans {size[entry]:.3g} {expected}")
+    faults.leave_out("matrices", far, lambda entry: f"spans {extent[entry]:.3g} {expected}")
     return matrices
+
+
+def _reach(
+    corners: NDArray[np.float64],
+    matrices: NDArray[np.float64],
+    shapes: tuple[Shape, ...],
+    shape_of: NDArray[np.integer],
+    morphs: NDArray[np.float64],
+) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
+    """(n,) whether an umbrella reaches infinity, and how many times the unit square it spans.
+
+    The corners (n, 5, 2) of what a shape may take are enough where a matrix is affine; perspective may carry corners
+    away to where no vertex is.
+    """
+    behind = np.isnan(corners).any(axis=(1, 2))
+    extent = (corners.max(axis=1) - corners.min(axis=1)).max(axis=1, initial=0.0)
+    projective = np.flatnonzero((matrices[:, :2, 2] != 0).any(axis=1))
+    projective = projective[np.argsort(shape_of[projective], kind="stable")]
+    ends = np.flatnonzero(np.diff(shape_of[projective])) + 1
+    for group in np.split(projective, ends) if len(projective) else ():
+        shape = shapes[shape_of[group[0]]]
+        if not len(shape.points):
+            continue
+        for some in np.array_split(group, -(-len(group) * len(shape.points) // _PORTION)):
+            points = shape.points + morphs[some, None, None] * (shape.morph_points - shape.points)
+            placed = placed_in_unit_square(matrices[some], points)[1]
+            behind[some] = np.isnan(placed).any(axis=(1, 2))
+            extent[some] = (placed.max(axis=1) - placed.min(axis=1)).max(axis=1)
+    return behind, extent
 
 
 def _box(shape: Shape) -> NDArray[np.float64]:

@@ -12,6 +12,7 @@ from fexel.textures.inputs import warn
 from fexel.textures.umbrella_arrangement import Arrangement, Shape
 from fexel.textures.umbrella_entries import (
     EntryFaults,
+    Note,
     checked_matrices,
     clipped,
     finite_colors,
@@ -69,7 +70,13 @@ class _LevelArrays:
         return np.split(self.points, np.cumsum(self.counts)[:-1])
 
 
-def read_level(prim: Usd.Prim, time: Usd.TimeCode, patches: tuple[PatchArrays, ...], color_blend: float) -> Arrangement:
+def read_level(
+    prim: Usd.Prim,
+    time: Usd.TimeCode,
+    patches: tuple[PatchArrays, ...],
+    color_blend: float,
+    note: Note | None = None,
+) -> Arrangement:
     """Read the umbrellas of an UmbrellaLevel.
 
     Parameters
@@ -80,6 +87,8 @@ def read_level(prim: Usd.Prim, time: Usd.TimeCode, patches: tuple[PatchArrays, .
         Siblings of the level.
     color_blend : float
         Of the texture; it is worked into the colours of umbrellas that show a base.
+    note : callable, optional
+        Takes faults of entries instead of warnings.
 
     Returns
     -------
@@ -96,7 +105,7 @@ def read_level(prim: Usd.Prim, time: Usd.TimeCode, patches: tuple[PatchArrays, .
         warn(prim, *fault)
     if fault or not len(arrays.indices):
         return _NO_UMBRELLAS
-    faults = EntryFaults(prim, len(arrays.indices))
+    faults = EntryFaults(prim, len(arrays.indices), note)
     base = _bases(faults, arrays, patches)
     outlines = arrays.outlines()
     broken = np.array([not np.isfinite(outline).all() for outline in outlines], bool)
