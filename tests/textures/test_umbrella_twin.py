@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bench.fall_leaves import fall_leaves
 from bench.zipmap_stage import save
 from fexel import images
 from fexel.errors import FexelWarning
@@ -442,6 +443,19 @@ def test_minified_picture_keeps_its_mean(forest):
     for pixels in (64, 32):
         st, axes = lattice(pixels)
         assert np.abs(look(ground(arrangement), st, axes).mean(axis=0) - mean).max() < 0.01
+
+
+def test_small_leaves_are_as_bright_as_the_average_of_points(tmp_path):
+    """Ten pixels long, dark rims and shadows: what mip levels mix in past the outline must not tell."""
+    leaves = fall_leaves(tmp_path, count=1500, grid=(16, 24), texture_size=128)
+    data = UmbrellaData(leaves.background, leaves.arrangement)
+    low, high = (0.2, 0.3), (0.7, 0.6333)
+    points = lattice(64 * 6, low, high)[0]
+    hard = look(data, points, hard=True).reshape(64, 6, 64, 6, 4).mean(axis=(1, 3))[..., :3]
+    st, jacobian = lattice(64, low, high)
+    soft = look(data, st, jacobian).reshape(64, 64, 4)[..., :3]
+    assert soft.mean() == pytest.approx(hard.mean(), rel=0.015)
+    assert np.sqrt(np.mean((soft - hard) ** 2)) < 0.085 * hard.std()
 
 
 def test_long_footprints_average_along_their_axis(forest):
