@@ -167,16 +167,11 @@ def _strangeness(
 
 
 def _transferred(own: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The other's mean and patterns of both, nowhere beyond the range of lightness, a and b that the two have."""
     own_mean, other_mean = own.mean(axis=(0, 1)), other.mean(axis=(0, 1))
     mixed = other_mean + _PATTERN * (other - other_mean) + (1.0 - _PATTERN) * (own - own_mean)
-    return _within(mixed, np.concatenate([own, other]))
-
-
-def _within(lab: NDArray[np.float64], shown: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Colours in Oklab, no lighter, darker or more saturated than those shown somewhere."""
-    lightness = np.clip(lab[..., :1], shown[..., 0].min(), shown[..., 0].max())
-    chroma, most = np.hypot(lab[..., 1:2], lab[..., 2:]), np.hypot(shown[..., 1], shown[..., 2]).max()
-    return np.concatenate([lightness, lab[..., 1:] * (most / np.maximum(chroma, most + 1e-9))], axis=-1)  # 1e-9: greys
+    shown = np.concatenate([own, other])
+    return np.clip(mixed, shown.min(axis=(0, 1)), shown.max(axis=(0, 1)))
 
 
 def _own_variation(own: NDArray[np.float64], brighter: NDArray[np.float64]) -> list[NDArray[np.float64]]:
