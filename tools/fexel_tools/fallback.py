@@ -160,7 +160,7 @@ def _baker(texture_prim: Usd.Prim, size: int, time: Usd.TimeCode | float | None)
     return texture_baker(kind, data, str(texture_prim.GetPath()))
 
 
-def write_picture(path: Path, rgba: np.ndarray, color_space: str, dtype: str) -> None:
+def write_picture(path: Path, rgba: np.ndarray, color_space: str, dtype: str, *, is_photo: bool = False) -> None:
     """Write a baked picture beside and rename; alpha is left out where the whole picture is opaque, and in JPEG.
 
     Parameters
@@ -171,6 +171,8 @@ def write_picture(path: Path, rgba: np.ndarray, color_space: str, dtype: str) ->
         Linear (or data), premultiplied.
     color_space, dtype : str
         As `fexel_tools.baking.Storage`.
+    is_photo : bool
+        As `fexel_tools.image_files.write_image` takes it.
 
     Raises
     ------
@@ -183,7 +185,7 @@ def write_picture(path: Path, rgba: np.ndarray, color_space: str, dtype: str) ->
         pixels = rgba[:, :, :channels].astype(np.float16)
     else:
         pixels = _integers(rgba, channels == 4, dtype, color_space)
-    write_image(path, pixels, color_space)
+    write_image(path, pixels, color_space, is_photo=is_photo)
 
 
 def _integers(rgba: np.ndarray, has_alpha: bool, dtype: str, color_space: str) -> np.ndarray:

@@ -16,10 +16,13 @@ _TYPES = {"uint8": "uint8", "uint16": "uint16", "float16": "half", "float32": "f
 # Deflate level of PNG. Measured on a 512 x 512 RGBA picture of a drawing: 26 ms and 154 kB; the library's 6 takes 52 ms
 # and 127 kB, 1 takes 23 ms and 172 kB.
 _PNG_LEVEL = 3
+# Photographs gain nothing from a search for repeats: of 2048 x 768 pixels of leaves, Paeth's filter and runs take
+# 0.07 s and 3.00 MB; all filters tried and repeats searched for take 0.33 s and 3.08 MB.
+_PHOTO_FILTER, _PHOTO_STRATEGY = 64, "rle"
 _COLOR_SPACES = {"sRGB": "srgb_rec709_scene", "raw": "lin_rec709_scene"}
 
 
-def write_image(path: str | Path, pixels: np.ndarray, color_space: str = "sRGB") -> None:
+def write_image(path: str | Path, pixels: np.ndarray, color_space: str = "sRGB", *, is_photo: bool = False) -> None:
     """Write an image as it is.
 
     Parameters
@@ -31,6 +34,8 @@ def write_image(path: str | Path, pixels: np.ndarray, color_space: str = "sRGB")
         formats, associated alpha in EXR.
     color_space : str
         ``sRGB`` or ``raw``: what the values are, noted in the file where the format can.
+    is_photo : bool
+        Its detail is like that of a photograph, not of a drawing: a PNG is written in a fifth of the time.
 
     Raises
     ------
@@ -46,6 +51,9 @@ def write_image(path: str | Path, pixels: np.ndarray, color_space: str = "sRGB")
     spec.attribute("DateTime", "")  # none: the same picture makes the same bytes
     spec.attribute("CompressionQuality", 95)  # of JPEG
     spec.attribute("png:compressionLevel", _PNG_LEVEL)
+    if is_photo and path.suffix.lower() == ".png":
+        spec.attribute("compression", _PHOTO_STRATEGY)
+        spec.attribute("png:filter", _PHOTO_FILTER)
     beside = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
     try:
         writer = oiio.ImageOutput.create(str(beside))

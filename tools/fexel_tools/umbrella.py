@@ -263,7 +263,7 @@ def _write_fallback(
     )
     path = staged.textures / f"{_file_stem('fallback', each, options)}.png"
     fallback.author(prim, path, color_space=storage.color_space, scale=storage.scale, bias=storage.bias)
-    return beside.submit(fallback.write_picture, path, picture, storage.color_space, storage.dtype)
+    return beside.submit(fallback.write_picture, path, picture, storage.color_space, storage.dtype, is_photo=True)
 
 
 def _file_stem(what: str, each: MapData, options: UmbrellaOptions) -> str:

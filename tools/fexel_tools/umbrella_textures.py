@@ -79,7 +79,7 @@ def write_bases(
         rgb = np.ascontiguousarray(texture[..., :3])
         opacity = np.ascontiguousarray(texture[..., 3]) if alpha else None
         path = folder / f"{name}.png"
-        write_image(path, encode(rgb, opacity, f"uint{depth}", color_space), color_space)
+        write_image(path, encode(rgb, opacity, f"uint{depth}", color_space), color_space, is_photo=True)
         files.append(path.name)
         nbytes += path.stat().st_size
     return WrittenTextures(tuple(files), nbytes)
