@@ -239,6 +239,22 @@ def test_veins_that_converge_draw_the_centre():
     assert np.hypot(*(_contour_px(middle, element)[0] - (120, 120))) < 3
 
 
+@pytest.mark.parametrize("pattern", ["parallel", "noise", "plain"])
+def test_the_middle_is_the_centre_where_no_veins_converge(pattern, rng):
+    rows, columns = np.mgrid[:240, :240] + 0.5
+    opacity = ((columns - 120) ** 2 / 85**2 + (rows - 120) ** 2 / 110**2 < 1).astype(np.float32)
+    light = {
+        "parallel": 0.5 + 0.4 * np.sin((rows + 0.5 * columns) / 4),
+        "noise": cv2.GaussianBlur(rng.random((240, 240)), (0, 0), 1.5),
+        "plain": np.full((240, 240), 0.5),
+    }[pattern]
+    element = _element(opacity)
+    color = np.repeat(light[..., None], 3, axis=2).astype(np.float32)
+    element = Element("a", Path("a.png"), color, opacity, False, 1.0, element.box, element.scale_px)
+    veins, middle = (make_bases([element], BaseOptions(centre=name))[0] for name in ("veins", "auto"))
+    assert np.array_equal(_contour_px(veins, element), _contour_px(middle, element))
+
+
 def test_a_texture_of_an_opaque_element_has_neither_alpha_nor_a_fringe():
     opacity = cv2.GaussianBlur(_star(5, 0.5), (0, 0), 0.8)
     dark = np.where(opacity[..., None] > 0.95, np.float32([0.6, 0.5, 0.2]), np.float32(0))  # what an editor leaves
@@ -383,3 +399,17 @@ def test_real_leaves_and_cut_outs(shared_data):
         assert base.lost_area < 0.05
     overlaps = [_iou(base, element) for element, base in zip(elements, bases, strict=True)]
     assert min(overlaps) > 0.92 and np.median(overlaps) > 0.98
+
+
+def test_centres_at_the_veins_of_real_leaves_stay_clear_of_the_contour(shared_data):
+    from fexel_tools.umbrella_elements import find_elements
+
+    folder = shared_data / "umbrella" / "leaves"
+    elements = {n: find_elements(folder / f"passiflora_leaf_{n}.png").elements[0] for n in ("16", "32", "55", "61")}
+    for number, element in elements.items():
+        veins, middle = (make_bases([element], BaseOptions(centre=name))[0] for name in ("veins", "auto"))
+        contour, center = _contour_px(veins, element)[1:], _contour_px(veins, element)[0]
+        depth = cv2.pointPolygonTest(contour.astype(np.float32)[:, None], tuple(center.tolist()), True)
+        assert depth > 0.015 * max(element.opacity.shape) and veins.lost_area < 0.01
+        is_moved = np.hypot(*(center - _contour_px(middle, element)[0])) > 3
+        assert is_moved == (number in ("16", "32")), "pinnate veins do not converge"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -28,6 +29,7 @@ _LEAST_CLEARANCE = 2e-3  # of the longer side: a centre nearer to the line throu
 _NARROW_CLEARANCE = 0.05  # of the longer side: a smaller kernel may lie where a notch puts it, far from the middle
 _FAR = 0.5  # of the radius of a disc of the contour's area: that is far from where the centre is wanted
 _SMALL_LOSS = 5e-3  # of the area: what may be cut off to have a centre that is not far
+_LEAST_DEPTH = 0.015  # of the longer side: where veins put a centre nearer to the contour, the middle is taken
 _HINT_PULL, _VEINS_PULL, _MIDDLE_PULL = 0.5, 0.15, 0.05  # see `umbrella_centre.most_visible`
 
 
@@ -69,8 +71,8 @@ def outline_of(
     tolerance : float
         Pixels of `Element.color`.
     wanted : (2,) float64 or str
-        Where the centre is wanted: pixels of `Element.color`, y up; ``veins``: where they converge; else near the
-        centroid.
+        Where the centre is wanted: pixels of `Element.color`, y up; ``veins``: where they converge, if that can be told
+        and leaves the centre clear of the contour; else near the centroid.
 
     Raises
     ------
@@ -82,9 +84,20 @@ def outline_of(
         raise FexelError(f"{element.path}: {element.name} has no area")
     size = float(np.ptp(curve, axis=0).max())
     tolerance = min(tolerance, _RELATIVE_TOLERANCE * size)
-    place, pull = (None, _MIDDLE_PULL) if isinstance(wanted, str) else (wanted, _HINT_PULL)
-    if isinstance(wanted, str) and wanted == "veins":
-        place, pull = vein_convergence(element), _VEINS_PULL
+    if not isinstance(wanted, str):
+        return _outline(curve, wanted, _HINT_PULL, most_vertices, tolerance)
+    veins = vein_convergence(element) if wanted == "veins" else None
+    if veins is not None:
+        found = _outline(curve, veins, _VEINS_PULL, most_vertices, tolerance)
+        if _depth(found.contour, found.center) >= _LEAST_DEPTH * size:
+            return found
+    return _outline(curve, None, _MIDDLE_PULL, most_vertices, tolerance)
+
+
+def _outline(
+    curve: NDArray[np.float64], place: NDArray[np.float64] | None, pull: float, most_vertices: int, tolerance: float
+) -> Outline:
+    size = float(np.ptp(curve, axis=0).max())
     contour = simplify(curve, most_vertices, tolerance)
     found = clearance(contour.vertices) if is_simple(contour.vertices) else Clearance((0.0, 0.0), 0.0)
     if found.radius <= _LEAST_CLEARANCE * size:
@@ -96,6 +109,11 @@ def outline_of(
         repaired = _repaired(curve, place, pull, most_vertices, tolerance)
         return repaired if repaired.lost_area < _SMALL_LOSS else whole
     return whole
+
+
+def _depth(contour: NDArray[np.float64], center: NDArray[np.float64]) -> float:
+    """Distance of a centre from the nearest side."""
+    return cv2.pointPolygonTest(contour.astype(np.float32)[:, None], (float(center[0]), float(center[1])), True)
 
 
 def _repaired(

@@ -3,7 +3,8 @@
 Veins are lines: the structure tensor of the lightness tells their direction, and how much a place is a line rather than
 a surface or noise (coherence). Every such place votes for all points on its line; the point of most votes, each falling
 off with the point's distance from the line, is found on a grid and refined (a Hough transform for points, with
-Cauchy's loss).
+Cauchy's loss). It is believed only where it stands out: veins that are nearly parallel, and texture that is none,
+give many points as many votes.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ _RIM = 0.03  # of the longer side: so far from the contour nothing is looked at,
 _SPREAD = 0.03  # of the longer side: distance from a line at which its vote has halved
 _MOST_LINES = 1000
 _MOST_CANDIDATES = 400
+_CROWDED, _EVIDENCE = 90.0, 1.35  # percentile of the votes, and how much more the best point must have
 
 
 def vein_convergence(element: Element) -> NDArray[np.float64] | None:
@@ -34,7 +36,7 @@ def vein_convergence(element: Element) -> NDArray[np.float64] | None:
     Returns
     -------
     (2,) float64 or None
-        Pixels, y up; None where there is not a line to be seen.
+        Pixels, y up; None where there is not a line to be seen, or no point in which clearly more of them meet.
     """
     height, width = element.opacity.shape
     scale = min(1.0, _SIDE / max(height, width))
@@ -50,7 +52,10 @@ def vein_convergence(element: Element) -> NDArray[np.float64] | None:
     rows, columns = np.nonzero(mask)
     step = max(len(rows) // _MOST_CANDIDATES, 1)
     candidates = np.stack([columns, rows], axis=1)[::step] + 0.5
-    best = candidates[int(np.argmax(_votes(candidates, position, normal, weight, _SPREAD * side)))]
+    votes = _votes(candidates, position, normal, weight, _SPREAD * side)
+    if votes.max() < _EVIDENCE * np.percentile(votes, _CROWDED):
+        return None
+    best = candidates[int(np.argmax(votes))]
     for spread in (_SPREAD, _SPREAD / 2):
         best = _refined(best, position, normal, weight, spread * side)
     x, y = best / scale
