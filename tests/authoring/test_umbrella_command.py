@@ -201,6 +201,25 @@ def test_companion_maps_share_the_arrangement(folder):
     assert validate_file("out.usda") == []
 
 
+def test_companion_maps_may_lie_beside_the_photos(folder):
+    for name in CUTOUTS:
+        stem = Path(name).stem
+        write_image(f"{stem}_normal.tif", np.full((120, 120, 3), (128, 128, 255), np.uint8), "raw")
+        write_image(f"{stem}_roughness.png", np.full((120, 120, 3), 70, np.uint8), "raw")
+    beside = [f"{Path(name).stem}_roughness.png" for name in CUTOUTS]  # as *.png names them
+    made(*CUTOUTS, *beside, "-o", "out.usda", "--normal-maps", ".", "--roughness-maps", ".", *FAST)
+    stage, data = opened("out.usda")
+    assert len(data.arrangement.shapes) == len(CUTOUTS), "no map is taken for a photo"
+    assert np.allclose(read_linear("out_textures/oak_Roughness.png", "raw")[..., 0], 70 / 255, atol=0.01)
+    assert np.allclose(read_linear("out_textures/oak_Normal.png", "raw")[..., 2], 1.0, atol=0.01)
+    assert "has no normal map for ash.png" in _without("ash_normal.tif")
+
+
+def _without(name):
+    Path(name).unlink()
+    return failure(*CUTOUTS, "-o", "out.usda", "--normal-maps", ".", *FAST)
+
+
 def test_companion_map_that_does_not_fit_is_named(folder):
     Path("normals").mkdir()
     assert "has no normal map for oak.png" in failure(*CUTOUTS, "-o", "out.usda", "--normal-maps", "normals", *FAST)
@@ -297,6 +316,7 @@ def test_faults_are_named_in_one_line_and_leave_nothing(folder):
     assert "--background: sand.jpg: no such file" in failure("oak.png", "-o", "out.usda", "--background", "sand.jpg")
     assert "--background: '#12'" in failure("oak.png", "-o", "out.usda", "--background", "#12")
     assert "--size" in failure("oak.png", "-o", "out.usda", "--size", "2:1")
+    assert "--size: 5" in failure("oak.png", "-o", "out.usda", "--grid", "3x3", "--size", "50:59")
     assert "output is '.png'" in failure("oak.png", "-o", "out.png")
     assert "is an image" in failure("oak.png", "-o", "out.usda", "--report", "oak.png")
     assert "expected a .png" in failure("oak.png", "-o", "out.usda", "--sheet", "s.jpg")

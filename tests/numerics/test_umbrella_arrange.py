@@ -22,6 +22,10 @@ class _Base:
         default_factory=lambda: np.array([[0.0, 0.0], [0.5, 0.0], [0.0, 0.25], [-0.5, 0.0], [0.0, -0.25]])
     )
 
+    @property
+    def morph_points(self):
+        return self.points
+
 
 LEAF = _Base()
 NAMES = ("leaf", "petal")
@@ -272,6 +276,17 @@ def test_a_binary_file_of_points_is_refused(tmp_path):
 def test_a_count_that_a_file_does_not_have_is_refused(tmp_path):
     with pytest.raises(FexelError, match=r"--count: 5, but .*points\.csv has 1 points, expected no count"):
         _strewn(ArrangeOptions(count=5, placement=_csv(tmp_path, "0.5,0.5\n")))
+
+
+@pytest.mark.parametrize("size", [16.1, 60.0, 1e200])
+def test_sizes_that_readers_leave_out_are_refused(tmp_path, size):
+    """The leaf is one cell wide; on a single cell it may span 16 of them."""
+    assert len(_strewn(ArrangeOptions((1, 1), 3, size=(16.0, 16.0), rotation=(0.0, 0.0))).shape_of) == 3
+    with pytest.raises(FexelError, match=r"^--size: .* cells span .* of 1 x 1 cells, expected at most 16 times$"):
+        _strewn(ArrangeOptions((1, 1), 3, size=(size, size), rotation=(0.0, 0.0)))
+    rows = f"s,t,size,rotation\n0.5,0.5,2,0\n0.5,0.5,{size},0\n"
+    with pytest.raises(FexelError, match=r"^.*points\.csv: umbrella 2 of 2: .* expected at most 16 times$"):
+        _strewn(ArrangeOptions((1, 1), placement=_csv(tmp_path, rows)))
 
 
 # USD

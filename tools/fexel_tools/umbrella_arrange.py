@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fexel.errors import FexelError
+from fexel.textures.umbrella_entries import MOST_PERIODS, Outline, periods_spanned
 from fexel.textures.umbrella_geometry import signed_area
 from fexel_tools.umbrella_placement import blue_noise_points, random_points
 from fexel_tools.umbrella_placement_file import GivenPlacement, read_placement
@@ -25,20 +26,16 @@ from fexel_tools.umbrella_placement_file import GivenPlacement, read_placement
 __all__ = ["ORDERS", "ArrangeOptions", "PlacedUmbrellas", "arrange", "check_arrange_options", "random_stream"]
 
 ORDERS = ("auto", "random", "size", "given")
+_CHANCE = ("random", "blue-noise")  # placements; others are files
 _MOST = 1_000_000  # umbrellas; more is a slip of the hand in the options
 
 
-class PlacedShape(Protocol):
+class PlacedShape(Outline, Protocol):
     """What `arrange` needs of a base: `BaseUmbrella`, or `Shape` with a name."""
 
     @property
     def name(self) -> str:
         """Of the base, as a CSV file of points may call it."""
-        ...
-
-    @property
-    def points(self) -> NDArray[np.float64]:
-        """(V, 2) patch space, the centre first."""
         ...
 
 
@@ -104,7 +101,7 @@ def arrange(bases: Sequence[PlacedShape], options: ArrangeOptions) -> PlacedUmbr
     Raises
     ------
     FexelError
-        Options out of range, or a file of points that cannot be read.
+        Options out of range, a file of points that cannot be read, or umbrellas larger than a stage may hold.
     """
     check_arrange_options(options, len(bases))
     given = _given(bases, options)
@@ -121,6 +118,7 @@ def arrange(bases: Sequence[PlacedShape], options: ArrangeOptions) -> PlacedUmbr
         rotations = np.where(np.isnan(given.rotations), rotations, given.rotations)
     order = _order(bases, shape_of, sizes, options, given)
     matrices = _matrices(positions - np.floor(positions), sizes, np.radians(rotations), options.grid)
+    _check_sizes(bases, shape_of, matrices, sizes, options)
     return PlacedUmbrellas(shape_of[order], matrices[order], morphs[order])
 
 
@@ -167,7 +165,7 @@ def check_arrange_options(options: ArrangeOptions, bases: int) -> None:
 
 
 def _given(bases: Sequence[PlacedShape], options: ArrangeOptions) -> GivenPlacement | None:
-    if options.placement in ("random", "blue-noise"):
+    if options.placement in _CHANCE:
         return None
     given = read_placement(options.placement, options.grid, [base.name for base in bases])
     found = len(given.positions)
@@ -231,6 +229,26 @@ def _order(
         return within
     layers = np.nan_to_num(given.layers, nan=0.0)
     return within[np.argsort(-layers[within], kind="stable")]
+
+
+def _check_sizes(
+    bases: Sequence[PlacedShape],
+    shape_of: NDArray[np.int32],
+    matrices: NDArray[np.float64],
+    sizes: NDArray[np.float64],
+    options: ArrangeOptions,
+) -> None:
+    """Refuse umbrellas that readers would leave out."""
+    spanned = periods_spanned(matrices, bases, shape_of)
+    wrong = np.flatnonzero(~(spanned <= MOST_PERIODS))
+    if not len(wrong):
+        return
+    first = wrong[0]
+    where = "--size" if options.placement in _CHANCE else f"{options.placement}: umbrella {first + 1} of {len(sizes)}"
+    raise FexelError(
+        f"{where}: {sizes[first]:.4g} cells span {spanned[first]:.3g} times the whole texture of "
+        f"{options.grid[0]} x {options.grid[1]} cells, expected at most {MOST_PERIODS} times"
+    )
 
 
 def _matrices(

@@ -5,9 +5,9 @@ All is vectorised over umbrellas: there may be a hundred thousand.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,11 +17,14 @@ from fexel.textures.inputs import warn
 from fexel.textures.umbrella_arrangement import Shape
 
 __all__ = [
+    "MOST_PERIODS",
     "EntryFaults",
     "Note",
+    "Outline",
     "checked_matrices",
     "clipped",
     "finite_colors",
+    "periods_spanned",
     "placed_in_unit_square",
     "read_array",
     "read_grid",
@@ -30,7 +33,23 @@ __all__ = [
 
 _SINGULAR = 1e-12  # area of a matrix's image of the unit square over the lengths of its sides
 _PORTION = 1 << 18  # vertices at a time
-_MOST_PERIODS = 16  # across an umbrella: beyond it a matrix is taken for damaged, and cells would list it without end
+MOST_PERIODS = 16
+"""Unit squares along s or t that an umbrella may span: beyond it a matrix is taken for damaged, and cells would list it
+without end."""
+
+
+class Outline(Protocol):
+    """A shape, as far as it takes room."""
+
+    @property
+    def points(self) -> NDArray[np.float64]:
+        """(V, 2) patch space, the centre first."""
+        ...
+
+    @property
+    def morph_points(self) -> NDArray[np.float64]:
+        """(V, 2) where the points are at a morph weight of 1."""
+        ...
 
 
 def read_array(prim: Usd.Prim, name: str, time: Usd.TimeCode, dtype: Any, *shape: int) -> NDArray[Any]:
@@ -99,19 +118,18 @@ def checked_matrices(
     """Matrices (n, 3, 3) as `placed_in_unit_square` moves them; umbrellas that cannot be placed are left out."""
     finite = np.isfinite(matrices).all(axis=(1, 2))
     faults.leave_out("matrices", ~finite, lambda _: "is not finite, expected an invertible matrix")
-    boxes = np.array([_box(shape) for shape in shapes] or [np.zeros((5, 2))])
     with np.errstate(all="ignore"):  # what overflows is found below
-        matrices, corners = placed_in_unit_square(matrices, boxes[shape_of])
+        matrices, corners = placed_in_unit_square(matrices, _boxes(shapes)[shape_of])
         linear = matrices[:, :2, :2] - corners[:, :1, :] * matrices[:, :2, 2:]  # derivative where w is 1: at the centre
         sides = np.linalg.norm(linear, axis=2)
         area = np.abs(linear[:, 0, 0] * linear[:, 1, 1] - linear[:, 0, 1] * linear[:, 1, 0])
         singular = ~(area > _SINGULAR * sides[:, 0] * sides[:, 1])
         morphs = np.zeros(len(matrices)) if morphs is None else morphs
         behind, extent = _reach(corners, matrices, shapes, shape_of, morphs)
-        far = ~(extent <= _MOST_PERIODS)
+        far = ~(extent <= MOST_PERIODS)
     faults.leave_out("matrices", singular, lambda _: "is singular, expected an invertible matrix")
     faults.leave_out("matrices", behind, lambda _: "maps infinity into the umbrella, expected w > 0 in all of it")
-    expected = f"times the unit square, expected at most {_MOST_PERIODS}"
+    expected = f"times the unit square, expected at most {MOST_PERIODS}"
     faults.leave_out("matrices", far, lambda entry: f"spans {extent[entry]:.3g} {expected}")
     return matrices
 
@@ -129,7 +147,7 @@ def _reach(
     away to where no vertex is.
     """
     behind = np.isnan(corners).any(axis=(1, 2))
-    extent = (corners.max(axis=1) - corners.min(axis=1)).max(axis=1, initial=0.0)
+    extent = _longest_side(corners)
     projective = np.flatnonzero((matrices[:, :2, 2] != 0).any(axis=1))
     projective = projective[np.argsort(shape_of[projective], kind="stable")]
     ends = np.flatnonzero(np.diff(shape_of[projective])) + 1
@@ -141,11 +159,32 @@ def _reach(
             points = shape.points + morphs[some, None, None] * (shape.morph_points - shape.points)
             placed = placed_in_unit_square(matrices[some], points)[1]
             behind[some] = np.isnan(placed).any(axis=(1, 2))
-            extent[some] = (placed.max(axis=1) - placed.min(axis=1)).max(axis=1)
+            extent[some] = _longest_side(placed)
     return behind, extent
 
 
-def _box(shape: Shape) -> NDArray[np.float64]:
+def periods_spanned(
+    matrices: NDArray[np.float64], shapes: Sequence[Outline], shape_of: NDArray[np.integer]
+) -> NDArray[np.float64]:
+    """How many unit squares each umbrella of affine matrices (n, 3, 3) spans along s or t, whatever its morph.
+
+    Infinite or NaN where a matrix is not finite.
+    """
+    with np.errstate(all="ignore"):
+        return _longest_side(placed_in_unit_square(matrices, _boxes(shapes)[shape_of])[1])
+
+
+def _longest_side(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Of the boxes around points (n, k, 2)."""
+    return (points.max(axis=1) - points.min(axis=1)).max(axis=1, initial=0.0)
+
+
+def _boxes(shapes: Sequence[Outline]) -> NDArray[np.float64]:
+    """(shapes, 5, 2) points of `_box`; there is always one."""
+    return np.array([_box(shape) for shape in shapes] or [np.zeros((5, 2))])
+
+
+def _box(shape: Outline) -> NDArray[np.float64]:
     """The centre and the corners of all that a shape may take."""
     if not len(shape.points):
         return np.zeros((5, 2))
