@@ -208,7 +208,7 @@ def test_companion_maps_may_lie_beside_the_photos(folder):
         write_image(f"{stem}_roughness.png", np.full((120, 120, 3), 70, np.uint8), "raw")
     beside = [f"{Path(name).stem}_roughness.png" for name in CUTOUTS]  # as *.png names them
     made(*CUTOUTS, *beside, "-o", "out.usda", "--normal-maps", ".", "--roughness-maps", ".", *FAST)
-    stage, data = opened("out.usda")
+    _, data = opened("out.usda")
     assert len(data.arrangement.shapes) == len(CUTOUTS), "no map is taken for a photo"
     assert np.allclose(read_linear("out_textures/oak_Roughness.png", "raw")[..., 0], 70 / 255, atol=0.01)
     assert np.allclose(read_linear("out_textures/oak_Normal.png", "raw")[..., 2], 1.0, atol=0.01)

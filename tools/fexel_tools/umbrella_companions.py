@@ -1,11 +1,14 @@
 """The maps of a ground: its main texture, and what else is known of the same elements, normals and roughness.
 
-A companion map is an image of the name and the size of the photo it goes with. Each base's is cut and scaled as the
+A companion map is an image of the size of the photo it goes with, and of its name, or of its name and what it is:
+``leaf_normal.png``, ``leaf_roughness.png``; the latter may lie beside the photo. Each base's is cut and scaled as the
 base's texture is, so that one arrangement serves all maps.
 """
 
 from __future__ import annotations
 
+import os
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -21,7 +24,7 @@ from fexel_tools.umbrella_photo import open_photo
 from fexel_tools.umbrella_solution import Ground
 from fexel_tools.umbrella_textures import bits_of
 
-__all__ = ["MapData", "companion_maps", "main_map"]
+__all__ = ["MapData", "companion_maps", "main_map", "without_maps"]
 
 _FLAT = (0.5, 0.5, 1.0, 1.0)  # the normal of a plain ground, encoded
 _ROUGH = (0.9, 0.9, 0.9, 1.0)
@@ -130,15 +133,28 @@ def companion_maps(ground: Ground, options: UmbrellaOptions) -> list[MapData]:
     return maps
 
 
+def without_maps(files: Sequence[str], options: UmbrellaOptions) -> list[str]:
+    """The photos among files: companion maps beside them, which a pattern such as ``*.png`` names as well, left out."""
+    asked = [
+        what for what, folder in (("normal", options.normal_maps), ("roughness", options.roughness_maps)) if folder
+    ]
+    stems = [os.path.splitext(file)[0] for file in files]
+    maps = {f"{stem}_{what}" for stem in stems for what in asked}
+    return [file for file, stem in zip(files, stems, strict=True) if stem not in maps]
+
+
 def _map_file(folder: Path, photo: Path, what: str) -> Path:
-    """The map that goes with a photo: of its name, with whatever extension."""
-    same = folder / photo.name
-    if same.is_file():
-        return same
-    found = sorted(path for path in folder.iterdir() if path.stem == photo.stem and path.is_file())
-    if not found:
-        raise FexelError(f"{folder}: has no {what} map for {photo}, expected {photo.name}")
-    return found[0]
+    """The map that goes with a photo: of its name, alone or with what it is, with whatever extension."""
+    files = sorted(path for path in folder.iterdir() if path.is_file() and not path.samefile(photo))
+    for name in (photo.name, f"{photo.stem}_{what}{photo.suffix}"):
+        if folder / name in files:
+            return folder / name
+    for stem in (photo.stem, f"{photo.stem}_{what}"):
+        if found := [path for path in files if path.stem == stem]:
+            return found[0]
+    raise FexelError(
+        f"{folder}: has no {what} map for {photo}, expected {photo.name} or {photo.stem}_{what}{photo.suffix}"
+    )
 
 
 def _texture(ground: Ground, number: int, file: Path) -> NDArray[np.float32]:

@@ -141,10 +141,17 @@ def _umbrella(
         ),
     ] = "",
     normal_maps: Annotated[
-        str, typer.Option("--normal-maps", help="Folder with a normal map for each file, of its name and size.")
+        str,
+        typer.Option(
+            "--normal-maps", help="Folder with a normal map for each file, of its size: FILE.png or FILE_normal.png."
+        ),
     ] = "",
     roughness_maps: Annotated[
-        str, typer.Option("--roughness-maps", help="Folder with a roughness map for each file, of its name and size.")
+        str,
+        typer.Option(
+            "--roughness-maps",
+            help="Folder with a roughness map for each file, of its size: FILE.png or FILE_roughness.png.",
+        ),
     ] = "",
     fallback_size: Annotated[
         int,
@@ -170,6 +177,7 @@ def _umbrella(
     from fexel_tools import umbrella_options as spelled
     from fexel_tools.progress import progress_bars
     from fexel_tools.umbrella import make_umbrella
+    from fexel_tools.umbrella_companions import without_maps
     from fexel_tools.umbrella_report import describe, describe_dropped
 
     options = spelled.UmbrellaOptions(
@@ -204,7 +212,9 @@ def _umbrella(
         jobs=(os.cpu_count() or 1) if jobs is None else jobs,
     )
     with progress_bars() as progress:
-        made = make_umbrella(files, output, options, report=report, sheet=sheet, progress=progress)
+        made = make_umbrella(
+            without_maps(files, options), output, options, report=report, sheet=sheet, progress=progress
+        )
     for line in describe_dropped(made.dropped, 3):
         sys.stderr.write(f"fexel: warning: {line}\n")
     typer.echo(describe(made))
