@@ -14,8 +14,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from fexel_tools.poisson import clone, ring_of
-
 __all__ = ["OVERLAP", "seamless", "tiles"]
 
 OVERLAP = 1 / 7  # of a side: how much of a photo goes into making it tile
@@ -68,6 +66,8 @@ def _borders_meet(picture: _Picture) -> bool:
 
 def _evened(picture: _Picture) -> _Picture:
     """The photo plus a harmonic function that brings the slow part of opposite borders to their mean."""
+    from fexel_tools.poisson import clone, ring_of  # takes a while to import; only photos that do not tile need it
+
     height, width = picture.shape[:2]
     if min(height, width) < 4:
         return picture
