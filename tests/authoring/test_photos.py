@@ -149,7 +149,7 @@ def test_float_preview_is_exposed_to_white(tmp_path, picture):
 
 @pytest.mark.parametrize("cut", [0.3, 0.9, 0.999])
 @pytest.mark.parametrize("name", ["p.jpg", "p.png", "p.tif", "p.exr"])
-def test_truncated_file_is_refused(tmp_path, rng, name, cut):
+def test_truncated_file_is_refused(tmp_path, rng, capfd, name, cut):
     pixels = rng.integers(0, 256, (200, 300, 3), dtype=np.uint8)
     pixels = linear(pixels) if name == "p.exr" else pixels
     file = write_image(tmp_path / name, pixels)
@@ -157,6 +157,7 @@ def test_truncated_file_is_refused(tmp_path, rng, name, cut):
     (tmp_path / name).write_bytes(data[: int(len(data) * cut)])
     with pytest.raises(FexelError, match=name):
         load_photo(probe_photo(file))
+    assert capfd.readouterr() == ("", ""), "libraries say nothing besides"
 
 
 def test_what_is_no_photo_is_refused_in_one_line(tmp_path):

@@ -29,6 +29,49 @@ def test_images_png_alpha_is_multiplied_in_linear_light(tmp_path):
     assert np.abs(texels[..., 3] - 128 / 255).max() < 1e-6
 
 
+@pytest.mark.parametrize("share", [0.1, 0.5, 0.9, 0.999])
+def test_png_that_ends_early_is_one_error_and_not_a_word_besides(tmp_path, rng, capfd, share):
+    file = write(tmp_path / "a.png", rng.integers(0, 256, (200, 300, 3), dtype=np.uint8))
+    whole = (tmp_path / "a.png").read_bytes()
+    (tmp_path / "a.png").write_bytes(whole[: int(share * len(whole))])
+    with pytest.raises(FexelError, match=rf"^.*a\.png: ends early, after {int(share * len(whole))} bytes$"):
+        images.read_pixels(images.image_info(file))
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("length", [8, 12, 20, 33, 40])
+def test_png_that_ends_before_its_pixels_is_one_error_and_not_a_word_besides(tmp_path, rng, capfd, length):
+    file = write(tmp_path / "a.png", rng.integers(0, 256, (20, 30, 3), dtype=np.uint8))
+    (tmp_path / "a.png").write_bytes((tmp_path / "a.png").read_bytes()[:length])
+    with pytest.raises(FexelError, match=rf"^.*a\.png: ends early, after {length} bytes$"):
+        images.image_info(file)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_png_with_a_changed_byte_is_one_error_and_not_a_word_besides(tmp_path, rng, capfd):
+    file = write(tmp_path / "a.png", rng.integers(0, 256, (200, 300, 3), dtype=np.uint8))
+    damaged = bytearray((tmp_path / "a.png").read_bytes())
+    damaged[len(damaged) // 2] ^= 1
+    (tmp_path / "a.png").write_bytes(damaged)
+    with pytest.raises(FexelError, match=r"^.*a\.png: is damaged: the checksum of IDAT at byte \d+ is wrong$"):
+        images.read_pixels(images.image_info(file))
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("damage", ["without its end", "comment"])
+def test_png_whose_pixels_are_whole_is_read(tmp_path, rng, damage):
+    """Without the last chunk, or with a wrong checksum of a comment."""
+    pixels = rng.integers(0, 256, (20, 30, 3), dtype=np.uint8)
+    file = write(tmp_path / "a.png", pixels, ImageDescription="a comment")
+    data = bytearray((tmp_path / "a.png").read_bytes())
+    if damage == "comment":
+        data[data.index(b"a comment")] ^= 1
+    else:
+        data = data[:-12]
+    (tmp_path / "a.png").write_bytes(data)
+    assert np.array_equal(images.read_pixels(images.image_info(file)), pixels)
+
+
 @pytest.mark.parametrize("name", ["a.png", "a.bmp", "a.tga", "a.gif", "a.webp", "a.tif"])
 def test_images_of_straight_alpha_are_multiplied_by_it(tmp_path, name):
     pixels = np.full((8, 8, 4), (255, 255, 255, 128), np.uint8)

@@ -23,7 +23,7 @@ import numpy as np
 import OpenImageIO as oiio
 
 from fexel.errors import FexelError, FexelWarning
-from fexel.images import image_info, linear_to_srgb, read_pixels, stores_straight_alpha
+from fexel.images import image_info, linear_to_srgb, png_fault, read_pixels, stores_straight_alpha
 from fexel_tools.photo_color import SRGB_NAMES, decode_srgb_uint8, file_color_space, to_linear_rec709
 
 __all__ = [
@@ -200,6 +200,8 @@ def load_preview(photo: Photo, max_pixels: int | None = None) -> np.ndarray:
 
 
 def _open(file: str) -> oiio.ImageInput:
+    if fault := png_fault(file, header=True):
+        raise FexelError(f"{file}: {fault}")
     hints = oiio.ImageSpec()
     hints.attribute("oiio:UnassociatedAlpha", 1)  # give alpha as stored: no multiplication of encoded values
     image = oiio.ImageInput.open(file, hints)
@@ -267,6 +269,8 @@ def read_stored_pixels(photo: Photo, pixel_type: oiio.BASETYPE) -> np.ndarray:
     """
     image = _open(photo.file)
     try:
+        if fault := png_fault(photo.file):
+            raise FexelError(f"{photo.file}: {fault}")
         if photo.subimage:
             image.seek_subimage(photo.subimage, 0)
         spec = image.spec()

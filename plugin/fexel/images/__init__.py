@@ -15,6 +15,7 @@ from __future__ import annotations
 from fexel.images.header import ImageInfo, image_info, stores_straight_alpha
 from fexel.images.linear import read_linear, read_mask, to_linear
 from fexel.images.pixels import read_pixels, read_strips
+from fexel.images.png_chunks import png_fault
 from fexel.images.pyramid_file import write_pyramid
 from fexel.images.srgb import linear_to_srgb, srgb_to_linear
 
@@ -22,6 +23,7 @@ __all__ = [
     "ImageInfo",
     "image_info",
     "linear_to_srgb",
+    "png_fault",
     "read_linear",
     "read_mask",
     "read_pixels",

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import OpenImageIO as oiio
 
 from fexel.errors import FexelError
+from fexel.images.png_chunks import png_fault
 from fexel.packages import local_file
 
 __all__ = ["UNASSOCIATED", "ImageInfo", "image_info", "open_image", "reason", "stores_straight_alpha"]
@@ -62,6 +63,8 @@ def open_image(path: str) -> oiio.ImageInput:
     file = local_file(path)
     if not os.path.exists(file):
         raise FexelError(f"{path}: no such file")
+    if fault := png_fault(file, header=True):
+        raise FexelError(f"{path}: {fault}")
     keep_unassociated = oiio.ImageSpec()
     keep_unassociated.attribute(UNASSOCIATED, 1)
     handle = oiio.ImageInput.open(file, keep_unassociated)

@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from fexel.errors import FexelError
 from fexel.images.header import ImageInfo, open_image, reason
+from fexel.images.png_chunks import png_fault
+from fexel.packages import local_file
 
 __all__ = ["oiio_type", "read_pixels", "read_strips"]
 
@@ -34,7 +36,7 @@ def read_pixels(info: ImageInfo, level: int = 0, window: tuple[int, int, int, in
         Truncated or damaged data.
     """
     width, height = info.level_sizes[level]
-    handle = open_image(info.path)
+    handle = _open_undamaged(info.path)
     try:
         return _read_window(handle, info, level, window or (0, 0, width, height))
     finally:
@@ -43,7 +45,7 @@ def read_pixels(info: ImageInfo, level: int = 0, window: tuple[int, int, int, in
 
 def read_strips(info: ImageInfo, rows: int) -> Iterator[NDArray]:
     """Level 0 from top to bottom, about `rows` rows at a time, as `read_pixels` returns them. Raises as that does."""
-    handle = open_image(info.path)
+    handle = _open_undamaged(info.path)
     try:
         if info.tiled:
             tile = handle.spec().tile_height
@@ -52,6 +54,15 @@ def read_strips(info: ImageInfo, rows: int) -> Iterator[NDArray]:
             yield _read_window(handle, info, 0, (0, y0, info.width, min(y0 + rows, info.height)))
     finally:
         handle.close()
+
+
+def _open_undamaged(path: str) -> oiio.ImageInput:
+    handle = open_image(path)
+    fault = png_fault(local_file(path))
+    if fault:
+        handle.close()
+        raise FexelError(f"{path}: {fault}")
+    return handle
 
 
 def _read_window(handle: oiio.ImageInput, info: ImageInfo, level: int, window: tuple[int, int, int, int]) -> NDArray:
