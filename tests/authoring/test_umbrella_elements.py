@@ -5,7 +5,7 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from fexel.errors import FexelError
+from fexel.errors import FexelError, FexelWarning
 from fexel.images import linear_to_srgb
 from fexel_tools import umbrella_elements
 from fexel_tools.umbrella_elements import find_elements
@@ -240,6 +240,19 @@ def test_formats_give_the_same_cut(tmp_path, name, pixel_type):
     assert _iou(_on_photo(element, (110, 96)), coverage) > 0.97
     middle = element.color[element.color.shape[0] // 2, element.color.shape[1] // 2]
     assert np.allclose(middle, (0.05, 0.25, 0.5), atol=0.02)
+
+
+def test_pixels_that_are_no_numbers_are_told_once(tmp_path, monkeypatch):
+    """Though the photo is decoded reduced, and again window by window."""
+    coverage = _disc(96, 110, 50, 47, 33)
+    image = np.array(_over(_plain(96, 110, WHITE), (coverage, (0.05, 0.25, 0.5))))
+    image[40:42, 50, 1], image[3, 4, 0] = np.nan, np.inf
+    path = _write(tmp_path / "a.exr", image, "float")
+    monkeypatch.setattr(umbrella_elements, "_PREVIEW_PIXELS", 3000)
+    with pytest.warns(FexelWarning) as caught:
+        (element,) = find_elements(path).elements
+    assert [str(w.message).split(": ", 1)[1][:30] for w in caught] == ["3 pixels are NaN or infinite; "]
+    assert np.isfinite(element.color).all()
 
 
 def test_the_orientation_of_the_camera_is_applied(tmp_path):

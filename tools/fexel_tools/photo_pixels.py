@@ -17,7 +17,7 @@ from fexel_tools.color_bleed import bleed_color
 from fexel_tools.photo_color import decode_srgb_uint8, to_linear_rec709
 from fexel_tools.photos import Photo
 
-__all__ = ["decode_pixels", "decode_reduced"]
+__all__ = ["decode_pixels", "decode_reduced", "warn_of_non_finite"]
 
 _STRIP_ROWS = 512  # of a large photo, reduced at a time
 
@@ -47,10 +47,10 @@ def decode_pixels(
     FexelError
         A colour space that is not known.
 
-    Warns
+    Notes
     -----
-    FexelWarning
-        Values that are NaN or infinite: the colour is taken from neighbours, such alpha is 0.
+    Where values are NaN or infinite the colour is taken from neighbours, and such alpha is 0; `warn_of_non_finite` says
+    so, once for a photo that is decoded in parts.
     """
     color = pixels[..., : pixels.shape[2] - photo.has_alpha]
     alpha = _as_float(pixels[..., -1]) if photo.has_alpha else None
@@ -58,7 +58,7 @@ def decode_pixels(
         color = decode_srgb_uint8(color)
     else:
         color = _as_float(color)
-        color, alpha = _finite(photo, color, alpha)
+        color, alpha = _finite(color, alpha)
         if photo.associated_alpha and alpha is not None:
             color = color / np.maximum(alpha, 1e-6)[..., None]  # 1e-6 guards transparent pixels, whose colour is 0
         if not raw:
@@ -81,15 +81,12 @@ def _linear(photo: Photo, color: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def _finite(
-    photo: Photo, color: NDArray[np.float32], alpha: NDArray[np.float32] | None
+    color: NDArray[np.float32], alpha: NDArray[np.float32] | None
 ) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
     """Colour without NaN and infinities, filled from neighbours; alpha within 0..1, 0 where it was none."""
     good = np.isfinite(color).all(axis=2)
     good_alpha = np.ones_like(good) if alpha is None else np.isfinite(alpha)
-    count = int(good.size - np.count_nonzero(good & good_alpha))
-    if count:
-        message = f"{photo.file}: {count} pixels are NaN or infinite; their colour is taken from neighbours"
-        warnings.warn(message, FexelWarning, stacklevel=5)
+    if not (good.all() and good_alpha.all()):
         color = np.where(good[..., None], color, np.float32(0))
         color = _filled(color, good.astype(np.float32))
     if alpha is not None:
@@ -101,6 +98,17 @@ def _filled(color: NDArray[np.float32], known: NDArray[np.float32]) -> NDArray[n
     if color.shape[2] == 1:
         return bleed_color(np.repeat(color, 3, axis=2), known)[..., :1]
     return bleed_color(color, known)
+
+
+def warn_of_non_finite(photo: Photo, pixels: NDArray) -> None:
+    """Say how many pixels of a whole photo, (H, W, C) as it is stored, are NaN or infinite."""
+    if pixels.dtype.kind != "f":
+        return
+    strips = (pixels[top : top + _STRIP_ROWS] for top in range(0, len(pixels), _STRIP_ROWS))
+    count = sum(int(np.count_nonzero(~np.isfinite(strip).all(axis=2))) for strip in strips)
+    if count:
+        message = f"{photo.file}: {count} pixels are NaN or infinite; their colour is taken from neighbours"
+        warnings.warn(message, FexelWarning, stacklevel=3)
 
 
 def decode_reduced(

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from fexel.errors import FexelError
 from fexel_tools.color_bleed import bleed_color
 from fexel_tools.photo_color import decode_srgb_uint8
-from fexel_tools.photo_pixels import decode_pixels, decode_reduced
+from fexel_tools.photo_pixels import decode_pixels, decode_reduced, warn_of_non_finite
 from fexel_tools.photos import probe_photo, read_stored_pixels, upright
 from fexel_tools.pinchmap_labels import find_labels, stretched_side
 from fexel_tools.pinchmap_regions import RegionSides, label_sides, region_sides
@@ -212,6 +212,7 @@ def _load_drawing(
 def _load_image(path: Path, raw: bool) -> tuple[NDArray[np.float32], NDArray[np.float32] | None, int]:
     photo = probe_photo(path, min_side_px=1)
     pixels = read_stored_pixels(photo, oiio.UINT8 if photo.pixel_type == "uint8" else oiio.FLOAT)
+    warn_of_non_finite(photo, pixels)
     factor = math.ceil(max(photo.width, photo.height) / LONGEST_SIDE_PX)
     color, alpha = decode_pixels(photo, pixels, raw) if factor == 1 else decode_reduced(photo, pixels, raw, factor)
     alpha = None if alpha is None else np.ascontiguousarray(upright(alpha, photo.orientation))

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from fexel.errors import FexelError
 from fexel.images import linear_to_srgb
-from fexel_tools.photo_pixels import decode_pixels, decode_reduced
+from fexel_tools.photo_pixels import decode_pixels, decode_reduced, warn_of_non_finite
 from fexel_tools.photos import Photo, probe_photo, read_stored_pixels, upright
 
 __all__ = ["Box", "ElementPhoto", "Preview", "open_photo"]
@@ -107,12 +107,18 @@ def open_photo(path: str | Path, *, is_data: bool = False) -> ElementPhoto:
     ------
     FexelError
         The file is missing, damaged, no image, in CMYK or larger than 2^28 pixels.
+
+    Warns
+    -----
+    FexelWarning
+        Values that are NaN or infinite: colours there are taken from neighbours.
     """
     photo = probe_photo(path, min_side_px=1)
     _refuse_cmyk(str(path))
     if photo.width * photo.height > _MOST_PIXELS:
         raise FexelError(f"{path}: {photo.width} x {photo.height} pixels, expected at most {_MOST_PIXELS} in all")
     stored = upright(read_stored_pixels(photo, _STORED[photo.pixel_type]), photo.orientation)
+    warn_of_non_finite(photo, stored)
     return ElementPhoto(Path(path), photo, stored, is_data)
 
 
