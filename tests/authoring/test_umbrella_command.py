@@ -230,6 +230,31 @@ def test_companion_map_that_does_not_fit_is_named(folder):
     assert "normals/oak.png: 6 x 5 pixels, expected 120 x 120" in message
 
 
+def test_companion_maps_are_looked_at_before_the_ground_is_computed(folder, monkeypatch):
+    def computed(*_arguments):
+        raise AssertionError("the ground was computed")
+
+    monkeypatch.setattr("fexel_tools.umbrella.compute_ground", computed)
+    Path("rough").mkdir()
+    assert "has no roughness map for oak.png" in failure("oak.png", "-o", "out.usda", "--roughness-maps", "rough")
+    write_image("rough/oak.png", np.zeros((7, 9, 3), np.uint8), "raw")
+    message = failure("oak.png", "-o", "out.usda", "--roughness-maps", "rough")
+    assert message == "rough/oak.png: 9 x 7 pixels, expected 120 x 120 as oak.png"
+    Path("rough/oak.png").write_bytes(b"nothing")
+    assert "rough/oak.png: cannot be read" in failure("oak.png", "-o", "out.usda", "--roughness-maps", "rough")
+
+
+def test_map_of_a_photo_of_many_is_read_once(folder, monkeypatch):
+    from fexel_tools import umbrella_companions
+
+    opened_files, open_photo = [], umbrella_companions.open_photo
+    monkeypatch.setattr(umbrella_companions, "open_photo", lambda f, **k: opened_files.append(f) or open_photo(f, **k))
+    Path("rough").mkdir()
+    write_image("rough/many.png", np.full((300, 420, 3), 90, np.uint8), "raw")
+    made("many.png", "-o", "out.usda", "--roughness-maps", "rough")
+    assert len(opened_files) == 1
+
+
 def test_data_are_stored_as_they_are(folder):
     write_image("height.png", leaf((120, 120, 120), dtype=np.uint16), "raw")
     made("height.png", "-o", "out.usda", "--raw")

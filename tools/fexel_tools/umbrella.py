@@ -29,13 +29,13 @@ from fexel_tools.phases import Phases
 from fexel_tools.progress import Progress, silent
 from fexel_tools.report import check_report, write_report
 from fexel_tools.staged_output import StagedOutput, check_output, staged_output
-from fexel_tools.umbrella_companions import MapData, companion_maps, main_map
+from fexel_tools.umbrella_companions import MapData, check_companions, companion_maps, main_map
 from fexel_tools.umbrella_levels import image_level, write_level_image
 from fexel_tools.umbrella_options import UmbrellaOptions, check_options, read_files
 from fexel_tools.umbrella_raster import rasterize
 from fexel_tools.umbrella_report import BaseReport, DroppedReport, UmbrellaReport
 from fexel_tools.umbrella_sheet import SheetInput, write_sheet
-from fexel_tools.umbrella_solution import STEPS, Ground, compute_ground
+from fexel_tools.umbrella_solution import STEPS, Ground, compute_ground, read_sources
 from fexel_tools.umbrella_storage import compressed_sizes, explicit_resolution, explicit_words, umbrella_words
 from fexel_tools.umbrella_textures import write_background, write_bases
 
@@ -102,7 +102,10 @@ def make_umbrella(
     check_output(out, inputs)
     _check_side_outputs(report, sheet, [out, *inputs])
     phases = Phases("umbrellas", STEPS, progress or silent)
-    ground = compute_ground(files, options, phases)
+    with phases("read"):
+        sources = read_sources(files, options)
+        check_companions(sources, options)
+    ground = compute_ground(sources, options, phases)
     with phases("textures"):
         maps = [main_map(ground, options), *companion_maps(ground, options)]
     written = _write(ground, maps, files, out, options, phases)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import groupby
 from pathlib import Path
 
 import numpy as np
@@ -17,17 +18,19 @@ from numpy.typing import NDArray
 
 from fexel.errors import FexelError
 from fexel.textures.umbrella_arrangement import Arrangement
+from fexel_tools.photos import probe_photo
 from fexel_tools.umbrella_background import Background
 from fexel_tools.umbrella_base import companion_base
+from fexel_tools.umbrella_elements import Elements
 from fexel_tools.umbrella_options import UmbrellaOptions
 from fexel_tools.umbrella_photo import open_photo
 from fexel_tools.umbrella_solution import Ground
 from fexel_tools.umbrella_textures import bits_of
 
-__all__ = ["MapData", "companion_maps", "main_map", "without_maps"]
+__all__ = ["MapData", "check_companions", "companion_maps", "main_map", "without_maps"]
 
 _FLAT = (0.5, 0.5, 1.0, 1.0)  # the normal of a plain ground, encoded
-_ROUGH = (0.9, 0.9, 0.9, 1.0)
+_BACKGROUNDS = {"normal": _FLAT, "roughness": (0.9, 0.9, 0.9, 1.0)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,38 +111,53 @@ def companion_maps(ground: Ground, options: UmbrellaOptions) -> list[MapData]:
     Raises
     ------
     FexelError
-        A map is missing, cannot be read, or is not of its photo's size.
+        A map cannot be read, or `check_companions` would refuse it.
     """
     arrangement = replace(ground.arrangement, colors=np.zeros((0, 3), np.float32), shadow_strength=0.0)
     maps = []
-    for folder, name, drives, color in (
-        (options.normal_maps, "Normal", "normal", _FLAT),
-        (options.roughness_maps, "Roughness", "roughness", _ROUGH),
-    ):
-        if folder:
-            files = [_map_file(Path(folder), element.path, drives) for element in ground.elements]
-            maps.append(
-                MapData(
-                    name=name,
-                    drives=drives,
-                    textures=tuple(_texture(ground, number, file) for number, file in enumerate(files)),
-                    background=Background(None, color),
-                    arrangement=arrangement,
-                    bits=tuple(bits_of(file, True) for file in files),
-                    is_data=True,
-                    is_vectors=drives == "normal",
-                )
+    for drives, folder in _asked(options).items():
+        files = [_map_file(folder, element.path, drives) for element in ground.elements]
+        maps.append(
+            MapData(
+                name=drives.capitalize(),
+                drives=drives,
+                textures=_textures(ground, files),
+                background=Background(None, _BACKGROUNDS[drives]),
+                arrangement=arrangement,
+                bits=tuple(bits_of(file, True) for file in files),
+                is_data=True,
+                is_vectors=drives == "normal",
             )
+        )
     return maps
+
+
+def check_companions(sources: Sequence[Elements], options: UmbrellaOptions) -> None:
+    """See to it, before a ground is computed, that every photo with an element has its maps.
+
+    Raises
+    ------
+    FexelError
+        A map is missing, is no image, or is not of its photo's size.
+    """
+    for drives, folder in _asked(options).items():
+        for source in sources:
+            if source.elements:
+                file = _map_file(folder, source.path, drives)
+                photo = probe_photo(file, min_side_px=1)
+                _check_size(file, (photo.width, photo.height), source.path, source.size)
+
+
+def _asked(options: UmbrellaOptions) -> dict[str, Path]:
+    """Folders of the maps that were asked for, by what they drive."""
+    folders = {"normal": options.normal_maps, "roughness": options.roughness_maps}
+    return {drives: Path(folder) for drives, folder in folders.items() if folder}
 
 
 def without_maps(files: Sequence[str], options: UmbrellaOptions) -> list[str]:
     """The photos among files: companion maps beside them, which a pattern such as ``*.png`` names as well, left out."""
-    asked = [
-        what for what, folder in (("normal", options.normal_maps), ("roughness", options.roughness_maps)) if folder
-    ]
     stems = [os.path.splitext(file)[0] for file in files]
-    maps = {f"{stem}_{what}" for stem in stems for what in asked}
+    maps = {f"{stem}_{what}" for stem in stems for what in _asked(options)}
     return [file for file, stem in zip(files, stems, strict=True) if stem not in maps]
 
 
@@ -157,12 +175,19 @@ def _map_file(folder: Path, photo: Path, what: str) -> Path:
     )
 
 
-def _texture(ground: Ground, number: int, file: Path) -> NDArray[np.float32]:
-    """The map's part under a base."""
-    element, base = ground.elements[number], ground.bases[number]
-    photo = open_photo(file, is_data=True)
-    if photo.size != element.photo_size:
-        found, wanted = (f"{width} x {height}" for width, height in (photo.size, element.photo_size))
-        raise FexelError(f"{file}: {found} pixels, expected {wanted} as {element.path}")
-    color, _ = photo.window(element.box, element.pixel)
-    return companion_base(base, replace(element, color=color, is_data=True)).texture
+def _textures(ground: Ground, files: Sequence[Path]) -> tuple[NDArray[np.float32], ...]:
+    """The maps' parts under each base; elements of one photo follow each other, so that its map is read once."""
+    textures = []
+    for file, numbers in groupby(range(len(files)), files.__getitem__):
+        photo = open_photo(file, is_data=True)
+        for number in numbers:
+            element, base = ground.elements[number], ground.bases[number]
+            _check_size(file, photo.size, element.path, element.photo_size)
+            color, _ = photo.window(element.box, element.pixel)
+            textures.append(companion_base(base, replace(element, color=color, is_data=True)).texture)
+    return tuple(textures)
+
+
+def _check_size(file: Path, found: tuple[int, int], photo: Path, wanted: tuple[int, int]) -> None:
+    if found != wanted:
+        raise FexelError(f"{file}: {found[0]} x {found[1]} pixels, expected {wanted[0]} x {wanted[1]} as {photo}")

@@ -29,10 +29,10 @@ from fexel_tools.umbrella_hints import read_hints
 from fexel_tools.umbrella_morph import MorphOptions, with_morphs
 from fexel_tools.umbrella_options import UmbrellaOptions
 
-__all__ = ["STEPS", "Ground", "compute_ground"]
+__all__ = ["STEPS", "Ground", "compute_ground", "read_sources"]
 
 STEPS = ("read", "bases", "diversify", "textures", "stage", "fallback", "levels", "measure")
-"""Phases of a ground, in order; `compute_ground` has the first three."""
+"""Phases of a ground, in order; `read_sources` is the first, `compute_ground` has the next two."""
 
 _RESERVED = ("Fallback", "Level", "background", "fallback", "level", "arrangement")  # other prims and files begin so
 _REFERENCE_TEXELS = 64  # colours of references are taken at low frequency
@@ -75,12 +75,13 @@ class Ground:
         return self.background.color if self.background.picture is None else self.background.picture
 
 
-def compute_ground(files: Sequence[str], options: UmbrellaOptions, phases: Phases | None = None) -> Ground:
-    """From photos to a ground.
+def compute_ground(sources: Sequence[Elements], options: UmbrellaOptions, phases: Phases | None = None) -> Ground:
+    """From what photos show to a ground.
 
     Parameters
     ----------
-    files : sequence of str
+    sources : sequence of Elements
+        From `read_sources`: at least one element in all.
     options : UmbrellaOptions
     phases : Phases, optional
         Is told how long the phases take.
@@ -88,11 +89,9 @@ def compute_ground(files: Sequence[str], options: UmbrellaOptions, phases: Phase
     Raises
     ------
     FexelError
-        No file has a usable element, or a given file cannot be read.
+        An option is wrong, or a given file cannot be read.
     """
     phases = phases or Phases("umbrellas", STEPS)
-    with phases("read"):
-        sources = read_sources(files, options)
     with phases("bases"):
         elements, bases = _bases(sources, options)
     with phases("diversify"):
