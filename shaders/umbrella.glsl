@@ -13,7 +13,8 @@
 //   2  cells along s, t; cells of the full grid per cell, along s, t
 //   3  page texels of the first texel: of the float page, of the half page
 //   4  bins and slices of the tables; colour blend; codes = wrap mode along s + 4 * along t + 16 * log2 of a row of the float
-//      page's texels + 512 * log2 of one of the half page's
+//      page's texels + 512 * log2 of one of the half page's + 16384 where texels are vectors, twice where one of their axes
+//      runs backward
 //   5  shadow offset in cells; strength; record of the first base image
 //   6  records of the background and of the picture; texels of the record of an image; texels of an entry
 //   7  w from (s, t, 1)

@@ -12,7 +12,7 @@ struct UmbrellaLook {
     int background;          // record of its image
     int picture;             // record of the level's image
     int imageTexels;         // of a record
-    bool turnsVectors;       // texels are vectors; other textures of the material need not be
+    float vectorHand;        // 1 where texels are vectors, -1 where one of their axes runs backward, else 0
 };
 
 UmbrellaLook umbrella_look(vec2 cells, vec4 pages, vec4 tables, vec4 shadow, vec4 parts)
@@ -20,7 +20,8 @@ UmbrellaLook umbrella_look(vec2 cells, vec4 pages, vec4 tables, vec4 shadow, vec
     int codes = int(tables.w);
     UmbrellaGrid grid = UmbrellaGrid(ivec2(pages.xy), (codes >> 4) & 31, tables.x, tables.y, int(parts.w), cells);
     return UmbrellaLook(grid, ivec2(codes & 3, (codes >> 2) & 3), ivec2(pages.zw), (codes >> 9) & 31, tables.z, shadow.xyz,
-                        int(shadow.w), int(parts.x), int(parts.y), int(parts.z), codes >= 16384);
+                        int(shadow.w), int(parts.x), int(parts.y), int(parts.z),
+                        codes < 16384 ? 0.0 : codes < 32768 ? 1.0 : -1.0);
 }
 
 #if UMBRELLA_DRAWN
@@ -265,9 +266,10 @@ vec4 umbrella_compose(UmbrellaLook look, vec2 relative, vec2 base, vec2 dx, vec2
 #if UMBRELLA_VECTORS
             vec2 vector = 2.0 * varied.xy - texel.a;
             float mirror = first.turn.x < 0.0 ? -1.0 : 1.0;
-            vec2 turned = 0.5 * (vec2(first.turn.y * vector.x - mirror * first.turn.z * vector.y,
-                                      first.turn.z * vector.x + mirror * first.turn.y * vector.y) + texel.a);
-            varied.xy = look.turnsVectors ? turned : varied.xy;
+            float sine = look.vectorHand * first.turn.z;
+            vec2 turned = 0.5 * (vec2(first.turn.y * vector.x - mirror * sine * vector.y,
+                                      sine * vector.x + mirror * first.turn.y * vector.y) + texel.a);
+            varied.xy = look.vectorHand != 0.0 ? turned : varied.xy;
 #endif
             texel.rgb = isBackground ? texel.rgb : varied;
             color += weight * vec4(light.x * texel.rgb, texel.a);

@@ -83,7 +83,8 @@ class _UmbrellaBaker:
             view=view,
             group="auto",
             background_wrap=wrap,
-            vector_scale=(2.0, 2.0) if self._data.turns_vectors else None,
+            vector_scale=self._data.scale[:2] if self._data.turns_vectors else None,
+            vector_bias=self._data.bias[:2],
         )
 
     def sample(self, st: NDArray[np.float64], jacobian: NDArray[np.float64]) -> NDArray[np.float64]:

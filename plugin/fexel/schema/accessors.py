@@ -240,8 +240,9 @@ class UmbrellaTextureAccessors(Wrapper):
     def GetGridAttr(self) -> Usd.Attribute:
         """Number of cells along s and t of the grid over [0, 1] x [0, 1] that finds the umbrellas near a point.
 
-        Changes the speed, not the picture. Default: (1, 1), every umbrella is tried everywhere.
-        Range: each >= 1. Units: cells.
+        Its cells are taken for square on the surface: footprints are measured in them, so it decides where levels of
+        detail are seen and how far a grazing view is filtered; close up it changes the speed, not the picture.
+        Default: (1, 1), every umbrella is tried everywhere. Range: each >= 1. Units: cells.
         """
         return self._get_attribute("grid")
 

@@ -73,9 +73,12 @@ class ImageView:
         return self.coarsest - self.finest + 1
 
 
-def write_image_records(views: Sequence[ImageView], pool: TexturePool) -> list[int]:
-    """Append the records of images; where each begins in the record texture."""
-    return [pool.records.append(view.record(pool)) for view in views]
+def write_image_records(views: Sequence[ImageView], pool: TexturePool) -> tuple[int, int]:
+    """Append the records of images, one as long as the other; where they begin, and their length in texels."""
+    records = [view.record(pool) for view in views]
+    texels = max(map(len, records), default=0)
+    padded = [np.concatenate([record, np.zeros((texels - len(record), 4))]) for record in records]
+    return pool.records.append(np.concatenate([np.zeros((0, 4)), *padded])), texels
 
 
 def image_defines(views: Sequence[ImageView], pool: TexturePool, *, probes: bool) -> dict[str, int]:

@@ -52,7 +52,6 @@ LEVEL_IMAGE_BIAS = 1
 its mip levels are fitted to that (`fexel_tools.umbrella_levels`)."""
 
 _IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-_VECTORS = ((2.0, 2.0, 2.0, 1.0), (-1.0, -1.0, -1.0, 0.0))
 
 
 @dataclass(frozen=True)
@@ -100,7 +99,8 @@ class UmbrellaData:
     scale, bias : 4-tuples
         Of the finished picture, on straight colour; what lies outside of a ``black`` or ``patch`` wrap stays zero.
     turns_vectors : bool
-        Texels are vectors, encoded (v + 1) / 2: x and y turn with the umbrella.
+        Texels are vectors, encoded (v + 1) / 2, or (1 - v) / 2 where a scale is negative: x and y turn with the
+        umbrella.
     """
 
     background: ImageSource
@@ -120,6 +120,11 @@ class UmbrellaData:
 
     def __hash__(self) -> int:
         return self._hash
+
+    @property
+    def vector_hand(self) -> int:
+        """Which way texels turn with an umbrella: 1 as it, -1 where one of their axes runs backward, 0 not at all."""
+        return (-1 if self.scale[0] * self.scale[1] < 0 else 1) * self.turns_vectors
 
 
 def extract(prim: Usd.Prim, time: Usd.TimeCode, nested: bool = False) -> UmbrellaData:
@@ -154,9 +159,15 @@ def extract(prim: Usd.Prim, time: Usd.TimeCode, nested: bool = False) -> Umbrell
         st_to_texture=_IDENTITY if nested else _matrix(inputs),
         scale=scale,
         bias=bias,
-        turns_vectors=(scale, bias) == _VECTORS and all(image.color_space == "raw" for image in images),
+        turns_vectors=_decodes_vectors(scale, bias) and all(image.color_space == "raw" for image in images),
     )
     return replace(data, levels=_levels(texture, time, patches, data))
+
+
+def _decodes_vectors(scale: tuple[float, ...], bias: tuple[float, ...]) -> bool:
+    """Whether colours in [0, 1] become vectors in [-1, 1]; x and y may run backward, alpha may be anything."""
+    around_zero = all(bias[axis] == -0.5 * scale[axis] for axis in range(3))
+    return around_zero and abs(scale[0]) == abs(scale[1]) == scale[2] == 2.0
 
 
 def level_digest(data: UmbrellaData) -> str:
@@ -181,6 +192,8 @@ def level_digest(data: UmbrellaData) -> str:
     blend = (arrangement.color_blend, arrangement.shadow_strength, *arrangement.shadow_offset)
     _feed(state, np.array(blend), np.array(background.fallback), arrangement.grid)
     _feed(state, os.path.basename(background.file), background.color_space, data.turns_vectors)
+    if data.vector_hand < 0:
+        _feed(state, data.vector_hand)
     return state.hexdigest()
 
 

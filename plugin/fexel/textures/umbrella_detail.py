@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 from fexel.textures.umbrella import LEVEL_IMAGE_BIAS, UmbrellaData
 from fexel.textures.umbrella_arrangement import Arrangement
-from fexel.textures.umbrella_picture import picture_level, picture_source
+from fexel.textures.umbrella_picture import picture_level, picture_source, picture_wrap
 
 __all__ = ["FULL_DETAIL", "Detail", "LevelView", "PictureView", "detail_of"]
 
@@ -68,7 +68,7 @@ class Detail:
     picture: PictureView | None
 
 
-def detail_of(data: UmbrellaData, low: float, high: float, usable: set[str]) -> Detail:
+def detail_of(data: UmbrellaData, low: float, high: float, usable: set[str], wrap: tuple[str, str]) -> Detail:
     """Choose levels.
 
     Parameters
@@ -78,12 +78,15 @@ def detail_of(data: UmbrellaData, low: float, high: float, usable: set[str]) -> 
         Range of the footprint: log2 of cells per pixel.
     usable : set of str
         Prim paths of the levels whose images can be read.
+    wrap : (str, str)
+        Of the texture, ``useMetadata`` resolved.
     """
     numbered = [LevelView(0, data.arrangement, high)]
     picture = None
     for level in data.levels:
         if level.image is not None and level.path in usable:
-            picture = PictureView(level.level, level.image, LEVEL_IMAGE_BIAS, level.path)
+            image = replace(level.image, wrap=picture_wrap(wrap))
+            picture = PictureView(level.level, image, LEVEL_IMAGE_BIAS, level.path)
             break
         if level.arrangement is not None:
             numbered.append(LevelView(level.level, level.arrangement, high))
@@ -93,7 +96,7 @@ def detail_of(data: UmbrellaData, low: float, high: float, usable: set[str]) -> 
             own = max(own, numbered[-1].level + 1)
         else:
             numbered[0] = replace(numbered[0], level=own - 1)
-        picture = PictureView(own, picture_source(data), 0, "")
+        picture = PictureView(own, picture_source(data, wrap), 0, "")
     ends = [view.level for view in numbered[1:]] + [picture.level]
     starts = [float("-inf")] + [view.level for view in numbered[:-1]]
     least, most = low - FULL_DETAIL, high - FULL_DETAIL

@@ -15,7 +15,7 @@ import numpy as np
 
 from fexel import homography
 from fexel.textures.image_source import ImageSource
-from fexel.textures.image_view import ImageView
+from fexel.textures.image_view import ImageView, write_image_records
 from fexel.textures.index import build_tree
 from fexel.textures.kind import Sight
 from fexel.textures.page_format import FLOAT, HALF
@@ -90,7 +90,7 @@ class _UmbrellaPlan:
 
     def write(self, pool: TexturePool) -> UmbrellaSlot:
         images = self._images
-        start, texels = _write_images(images, pool)
+        start, texels = write_image_records(images, pool)
         background = start + texels * (len(images) - (2 if self.picture else 1))
         picture = self.detail.picture
         after = (picture.level, 1) if picture else (0, 0)
@@ -149,9 +149,10 @@ def plan(data: UmbrellaData, sight: Sight, pool: TexturePool) -> _UmbrellaPlan:
     low, high = float(seen.lod_low[0]), float(seen.lod_high[0])
     cache = pool.reader(PyramidCache)
     usable = {level.path for level in data.levels if level.image and _is_readable(level.image, level.path, cache)}
-    detail = detail_of(data, low, high, usable)
-    drawn = tuple(_drawn(data, view, low, sight.path, pool) for view in detail.levels)
     number = pool.image(data.background, sight.path)
+    wrap = _wrap(data, pool, number)
+    detail = detail_of(data, low, high, usable, wrap)
+    drawn = tuple(_drawn(data, view, low, sight.path, pool) for view in detail.levels)
     background = _image_view(pool, number, data.arrangement.grid, (low, high))
     if drawn:
         background.ask(pool)
@@ -164,7 +165,7 @@ def plan(data: UmbrellaData, sight: Sight, pool: TexturePool) -> _UmbrellaPlan:
         _picture(detail.picture, data, (low, high), sight.path, pool) if detail.picture else None,
         probes=bool(seen.probes[0] > 1),
         opaque=all(all(each.source.opaque) for each in drawn),
-        wrap=_wrap(data, pool, number),
+        wrap=wrap,
     )
 
 
@@ -261,14 +262,6 @@ def _wrap(data: UmbrellaData, pool: TexturePool, background: int) -> tuple[str, 
     of_file = facts.wrap if facts.info else ("black", "black")
     s, t = (own if mode == "useMetadata" else mode for mode, own in zip(data.wrap, of_file, strict=True))
     return s, t
-
-
-def _write_images(images: list[ImageView], pool: TexturePool) -> tuple[int, int]:
-    """Records of images, one as long as the other; where they begin, and their length in texels."""
-    records = [view.record(pool) for view in images]
-    texels = max(len(record) for record in records)
-    padded = [np.concatenate([record, np.zeros((texels - len(record), 4))]) for record in records]
-    return pool.records.append(np.concatenate(padded)), texels
 
 
 def _places(drawn: _Drawn, pool: TexturePool) -> ArrangementPlaces:

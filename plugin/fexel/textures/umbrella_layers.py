@@ -64,16 +64,15 @@ class ArrangementTwin:
     arrangement : Arrangement
     images : sequence of TwinImage or None
         Of each shape.
-    turns_vectors : bool
-        Whether texels are encoded vectors, which turn with the umbrellas.
+    vector_hand : int
+        Whether texels are encoded vectors, which turn with the umbrellas, and which way: `UmbrellaData.vector_hand`.
     """
 
-    def __init__(
-        self, arrangement: Arrangement, images: Sequence[TwinImage | None], turns_vectors: bool = False
-    ) -> None:
+    def __init__(self, arrangement: Arrangement, images: Sequence[TwinImage | None], vector_hand: int = 0) -> None:
         self.arrangement = arrangement
         self._images = images
-        self._turns = turns(arrangement) if turns_vectors else None
+        # Where one axis of vectors runs backward, turns are mirrored: they change the sign of what they mix.
+        self._turns = turns(arrangement) * [[1, vector_hand], [vector_hand, 1]] if vector_hand else None
         self._sectors = Sectors(arrangement)
         self._cells: dict[float, Cells] = {}
 

@@ -6,6 +6,7 @@ A stage that was edited by hand has no level of detail that goes with it, and is
 from __future__ import annotations
 
 import math
+from collections.abc import Hashable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 
 from fexel import mipmaps
 from fexel.textures.atlas import Box
+from fexel.textures.image_source import SCALE_ONE
 from fexel.textures.kept_texels import KeptTexels
 from fexel.textures.page_format import HALF, SRGB
 from fexel.textures.page_texels import bordered, encode_page, inner_box
@@ -24,33 +26,67 @@ from fexel.textures.umbrella_composite import CompositeTwin
 from fexel.textures.umbrella_images import TwinImage, base_images
 from fexel.textures.umbrella_layers import ArrangementTwin
 
-__all__ = ["PictureSource", "PictureTexels", "picture_level", "picture_source", "umbrella_cells"]
+__all__ = ["PictureSource", "PictureTexels", "picture_level", "picture_source", "picture_wrap", "umbrella_cells"]
 
 _CELL_TEXELS = 8  # along an axis of a cell: as many as there are pixels at full detail
 _SAMPLES = 2  # along an axis of a texel
 _MOST_SAMPLES = 1 << 20  # of a picture: seconds
 _TYPICAL_CELLS = 1.5  # how wide umbrellas are meant to be
-_WRAP = ("repeat", "repeat")
 _BLOCK = 1 << 15
 
 
 @dataclass(frozen=True)
 class PictureSource:
-    """A picture to be made: the texture without levels, matrix, scale and bias, repeating."""
+    """A picture to be made.
+
+    Attributes
+    ----------
+    data : UmbrellaData
+        The texture without levels, matrix and bias; its scale tells only which way vectors turn.
+    size : (int, int)
+        Texels along s and t.
+    """
 
     data: UmbrellaData
+    size: tuple[int, int]
+
+    @property
+    def key(self) -> Hashable:
+        """Equal where sources are; it keeps no arrangement alive."""
+        data = self.data
+        return data.arrangement.digest, data.background, data.paths, data.wrap, data.vector_hand, self.size
 
 
-def picture_source(data: UmbrellaData) -> PictureSource:
-    """What the picture of a texture is made from."""
+def picture_wrap(wrap: tuple[str, str]) -> tuple[str, str]:
+    """How a picture of the unit square goes on past its border in a texture of these wrap modes.
+
+    Coordinates have been wrapped before: only where the texture repeats do opposite borders lie side by side.
+    """
+    s, t = ("repeat" if mode == "repeat" else "clamp" for mode in wrap)
+    return s, t
+
+
+def picture_source(data: UmbrellaData, wrap: tuple[str, str]) -> PictureSource:
+    """What the picture of a texture is made from.
+
+    Parameters
+    ----------
+    data : UmbrellaData
+    wrap : (str, str)
+        Of the texture, ``useMetadata`` resolved.
+    """
+    own = picture_wrap(wrap)
     whole = UmbrellaData(
-        background=replace(data.background, wrap=_WRAP),
+        background=replace(data.background, wrap=own),
         arrangement=data.arrangement,
         paths=data.paths,
-        wrap=_WRAP,
+        wrap=own,
+        scale=data.scale if data.turns_vectors else SCALE_ONE,
         turns_vectors=data.turns_vectors,
     )
-    return PictureSource(whole)
+    per_cell = 2.0 * _CELL_TEXELS / 2.0 ** picture_level(data.arrangement)
+    width, height = (max(1, round(cells * per_cell)) for cells in data.arrangement.grid)
+    return PictureSource(whole, (width, height))
 
 
 def picture_level(arrangement: Arrangement) -> int:
@@ -86,34 +122,29 @@ class PictureTexels:
 
     def __init__(self, kept: KeptTexels, cache: PyramidCache) -> None:
         self._kept, self._cache = kept, cache
-        self._facts: dict[PictureSource, ImageFacts] = {}
 
     def facts(self, source: PictureSource, path: str) -> ImageFacts:
         """Size and page class."""
-        if source not in self._facts:
-            arrangement = source.data.arrangement
-            per_cell = 2.0 * _CELL_TEXELS / 2.0 ** picture_level(arrangement)
-            width, height = (max(1, round(cells * per_cell)) for cells in arrangement.grid)
-            images = [shape.image for shape in arrangement.shapes if shape.image] + [source.data.background]
-            classes = {self._cache.facts(image, path).page_class for image in images if image.file}
-            page_class = SRGB if classes == {SRGB} else HALF
-            self._facts[source] = ImageFacts((width, height), page_class, _WRAP, None)
-        return self._facts[source]
+        data = source.data
+        images = [shape.image for shape in data.arrangement.shapes if shape.image] + [data.background]
+        classes = {self._cache.facts(image, path).page_class for image in images if image.file}
+        page_class = SRGB if classes == {SRGB} else HALF
+        return ImageFacts(source.size, page_class, data.wrap, None)
 
     def window(self, source: PictureSource, path: str, level: int, box: Box) -> NDArray:
         """Texels of a window with its border."""
-        levels = self._kept.get(source)
-        facts = self.facts(source, path)
+        levels = self._kept.get(source.key)
         if levels is None:
-            levels = [encode_page(texels, facts.page_class) for texels in mipmaps.pyramid(self._made(source, path))]
-            self._kept.keep(source, levels, sum(texels.nbytes for texels in levels))
+            page_class = self.facts(source, path).page_class
+            levels = [encode_page(texels, page_class) for texels in mipmaps.pyramid(self._made(source, path))]
+            self._kept.keep(source.key, levels, sum(texels.nbytes for texels in levels))
         size = (levels[level].shape[1], levels[level].shape[0])
         x0, y0, x1, y1 = inner_box(box, size)
-        return bordered(levels[level][y0:y1, x0:x1], box, size, _WRAP)
+        return bordered(levels[level][y0:y1, x0:x1], box, size, source.data.wrap)
 
     def _made(self, source: PictureSource, path: str) -> NDArray[np.float32]:
         """(H, W, 4) means of a few soft lookups per texel."""
-        width, height = self.facts(source, path).size
+        width, height = source.size
         columns, rows = width * _SAMPLES, height * _SAMPLES
         s, t = (np.arange(columns) + 0.5) / columns, (np.arange(rows)[::-1] + 0.5) / rows
         st = np.stack(np.meshgrid(s, t), axis=-1).reshape(-1, 2)
@@ -126,6 +157,6 @@ class PictureTexels:
 
     def _twin(self, data: UmbrellaData, path: str) -> CompositeTwin:
         images = base_images(data.arrangement, data.paths, self._cache)
-        umbrellas = ArrangementTwin(data.arrangement, images, data.turns_vectors)
+        umbrellas = ArrangementTwin(data.arrangement, images, data.vector_hand)
         background = TwinImage(data.background, path, self._cache)
-        return CompositeTwin(umbrellas, background, _WRAP, data.arrangement.grid, 1.0)
+        return CompositeTwin(umbrellas, background, data.wrap, data.arrangement.grid, 1.0)

@@ -12,7 +12,7 @@ Conventions: st runs right and up; M is a number of points; colours are linear a
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -28,7 +28,7 @@ from fexel.textures.umbrella import LEVEL_IMAGE_BIAS, UmbrellaData, UmbrellaLeve
 from fexel.textures.umbrella_composite import CompositeTwin, wrapped
 from fexel.textures.umbrella_images import TwinImage, base_images
 from fexel.textures.umbrella_layers import ArrangementTwin
-from fexel.textures.umbrella_picture import PictureTexels, picture_level, picture_source
+from fexel.textures.umbrella_picture import PictureTexels, picture_level, picture_source, picture_wrap
 
 __all__ = ["FULL_DETAIL", "UmbrellaTwin"]
 
@@ -68,7 +68,7 @@ class UmbrellaTwin:
         self._cache = cache or PyramidCache()
         self._background = TwinImage(data.background, path, self._cache)
         images = base_images(data.arrangement, data.paths, self._cache)
-        self._levels = [_Level(0, ArrangementTwin(data.arrangement, images, data.turns_vectors), None)]
+        self._levels = [_Level(0, ArrangementTwin(data.arrangement, images, data.vector_hand), None)]
         for level in data.levels:
             usable = self._level(level)
             if usable is not None:
@@ -83,16 +83,17 @@ class UmbrellaTwin:
         if level.arrangement is not None:
             paths = (level.path,) * len(level.arrangement.shapes)
             images = base_images(level.arrangement, paths, self._cache)
-            return _Level(level.level, ArrangementTwin(level.arrangement, images), None)
+            return _Level(level.level, ArrangementTwin(level.arrangement, images, self._data.vector_hand), None)
         assert level.image is not None
-        image = TwinImage(level.image, level.path, self._cache, finer=LEVEL_IMAGE_BIAS)
+        source = replace(level.image, wrap=picture_wrap(self.wrap))
+        image = TwinImage(source, level.path, self._cache, finer=LEVEL_IMAGE_BIAS)
         return None if image.info is None else _Level(level.level, None, image)
 
     def _own_picture(self, least: int, path: str) -> _Level:
         """What follows the coarsest merged umbrellas, at `least`; made when it is first looked at."""
         reader = PictureTexels(KeptTexels(), self._cache)
         level = max(picture_level(self._data.arrangement), least)
-        return _Level(level, None, TwinImage(picture_source(self._data), path, reader))
+        return _Level(level, None, TwinImage(picture_source(self._data, self.wrap), path, reader))
 
     @cached_property
     def wrap(self) -> tuple[str, str]:
