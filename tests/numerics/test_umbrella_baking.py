@@ -140,19 +140,20 @@ def test_umbrellas_in_a_zipmap_are_part_of_its_picture(stage, tmp_path, rng):
     assert np.abs(picture[33:95, 33:95] - expected[1:-1, 1:-1]).mean() < 0.02
 
 
-def test_raw_data_keep_their_scale_for_later(stage, tmp_path, rng):
+@pytest.mark.parametrize("up", [1, -1], ids=["y up", "y down"])
+def test_raw_data_keep_their_scale_for_later(stage, tmp_path, rng, up):
     """Normals: stored as 16 bits of raw values, to be scaled by who reads them."""
     texture = define(stage, tmp_path, rng, color_space="raw", dtype=np.uint16)
-    texture.CreateScaleAttr(Gf.Vec4f(2, 2, 2, 1))
-    texture.CreateBiasAttr(Gf.Vec4f(-1, -1, -1, 0))
+    texture.CreateScaleAttr(Gf.Vec4f(2, 2 * up, 2, 1))
+    texture.CreateBiasAttr(Gf.Vec4f(-1, -up, -1, 0))
     data = data_of(texture)
     assert data.turns_vectors
     found = texture_baker("umbrella", data, "/Ground")
     storage = found.storage
     assert (storage.color_space, storage.dtype) == ("raw", "uint16")
-    assert storage.scale == (2, 2, 2, 1) and storage.bias == (-1, -1, -1, 0)
+    assert storage.scale == (2, 2 * up, 2, 1) and storage.bias == (-1, -up, -1, 0)
     picture = found.bake(96, 64)
-    scaled = picture[..., :3] * 2 - picture[..., 3:]
+    scaled = (picture[..., :3] * 2 - picture[..., 3:]) * (1, up, 1)
     expected = supersampled(data, (96, 64), 4)[..., :3]
     assert np.abs(scaled - expected).mean() < 6e-3
 
