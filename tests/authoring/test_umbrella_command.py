@@ -29,6 +29,7 @@ from fexel_tools.umbrella_options import (
     parse_range,
     parse_vector,
 )
+from fexel_tools.umbrella_storage import jpeg_bytes
 
 TEXTURE = "/World/Materials/Umbrella/Texture"
 FAST = ("--grid", "6x4", "--count", "60", "--fallback-size", "64", "--texture-size", "48", "--vertices", "24")
@@ -266,6 +267,18 @@ def test_data_are_stored_as_they_are(folder):
     assert surface.GetAttribute("inputs:roughness").HasAuthoredConnections()
 
 
+def test_sizes_of_data_are_measured_as_they_are_stored(folder):
+    """Without sRGB encoding; vectors turned as the ground shows them, over the normal of a plain ground."""
+    dark = leaf((255, 255, 255))
+    dark[..., :3] = np.random.default_rng(2).integers(0, 40, (40, 40, 1)).repeat(3, axis=0).repeat(3, axis=1)
+    write_image("height.png", dark, "raw")
+    made("height.png", "-o", "out.usda", "--raw", "--report", "r.json", "--diversify", "none")
+    sizes = json.loads(Path("r.json").read_text())["compressed_bytes"]
+    stored = read_linear("out_textures/height.png", "raw")
+    assert sizes["textures"] == pytest.approx(jpeg_bytes(stored, is_data=True), rel=0.05)
+    assert sizes["textures"] < 0.9 * jpeg_bytes(stored), "encoded, dark values would be rougher"
+
+
 def test_references_give_their_colours(folder):
     """Blue leaves as references make green ones bluer."""
     write_image("blue.png", leaf((20, 40, 200)))
@@ -339,6 +352,9 @@ def test_faults_are_named_in_one_line_and_leave_nothing(folder):
     assert "--morph: 2" in failure("oak.png", "-o", "out.usda", "--morph", "2")
     assert "--shadow-strength: nan" in failure("oak.png", "-o", "out.usda", "--shadow-strength", "nan")
     assert "--background: sand.jpg: no such file" in failure("oak.png", "-o", "out.usda", "--background", "sand.jpg")
+    assert "--background: .: is a folder, expected an image" in failure(
+        "oak.png", "-o", "out.usda", "--background", "."
+    )
     assert "--background: '#12'" in failure("oak.png", "-o", "out.usda", "--background", "#12")
     assert "--size" in failure("oak.png", "-o", "out.usda", "--size", "2:1")
     assert "--size: 5" in failure("oak.png", "-o", "out.usda", "--grid", "3x3", "--size", "50:59")

@@ -173,6 +173,17 @@ def test_compressed_sides_of_a_texture_without_variety():
     assert sizes.ratio == sizes.explicit / (sizes.textures + sizes.contours + sizes.arrangement)
 
 
+def test_vectors_turn_in_the_explicit_texture():
+    """A normal map that leans along x everywhere is one colour unless it turns with its umbrellas."""
+    made = replace(ground.arrangement(60), colors=np.zeros((0, 3), np.float32), shadow_strength=0.0)
+    leaning = tuple(np.full((16, 16, 4), (0.9, 0.5, 0.8, 1.0), np.float32) for _ in range(3))
+    plain, turned = (
+        compressed_sizes(made, leaning, (0.9, 0.5, 0.8, 1.0), is_data=True, vector_scale=scale).explicit
+        for scale in (None, (2.0, 2.0))
+    )
+    assert turned > 1.2 * plain
+
+
 def test_explicit_texture_is_drawn_in_windows_of_its_own_resolution():
     windows = []
 
@@ -236,6 +247,7 @@ def test_lines_for_people():
         "25.0 times the words"
     )
     assert "0 umbrellas" in describe(report(n=0))
+    assert "1 umbrella of" in describe(report(n=1))
     many = [DroppedReport("a.jpg", None, "no element found")] * 8
     assert describe_dropped(many)[0] == "a.jpg: left out: no element found"
     assert describe_dropped(many)[-1] == "... and 3 more (in --report)" and len(describe_dropped(many)) == 6

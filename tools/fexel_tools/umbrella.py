@@ -110,7 +110,7 @@ def make_umbrella(
         maps = [main_map(ground, options), *companion_maps(ground, options)]
     written = _write(ground, maps, files, out, options, phases)
     with phases("measure"):
-        made = _report(ground, out, written, measured=report is not None)
+        made = _report(ground, maps[0], out, written, measured=report is not None)
         shown = SheetInput(ground.arrangement, ground.textures, ground.names, ground.behind, options.is_data)
         if sheet is not None:
             write_sheet(shown, sheet)
@@ -273,7 +273,7 @@ def _file_stem(what: str, each: MapData, options: UmbrellaOptions) -> str:
     return what if each.drives == options.driven else f"{what}_{each.name}"
 
 
-def _report(ground: Ground, out: str | Path, written: _Written, *, measured: bool) -> UmbrellaReport:
+def _report(ground: Ground, main: MapData, out: str | Path, written: _Written, *, measured: bool) -> UmbrellaReport:
     arrangement = ground.arrangement
     sizes = [(texture.shape[1], texture.shape[0]) for texture in ground.textures]
     opaque = np.array([not base.has_alpha for base in ground.bases])
@@ -282,7 +282,9 @@ def _report(ground: Ground, out: str | Path, written: _Written, *, measured: boo
     most = cells.most if cells else _longest_list(replace(arrangement, shadow_strength=0.0))
     compressed = None
     if measured and len(arrangement):
-        compressed = compressed_sizes(arrangement, ground.textures, ground.behind)
+        compressed = compressed_sizes(
+            main.arrangement, main.textures, main.behind, is_data=main.is_data, vector_scale=main.vector_scale
+        )
     return UmbrellaReport(
         stage=str(out),
         bases=tuple(_base_report(ground, number) for number in range(len(ground.bases))),

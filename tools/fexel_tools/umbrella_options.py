@@ -212,7 +212,8 @@ def _check_files(options: UmbrellaOptions) -> None:
             raise FexelError(f"{name}: {file}: no such file")
     background = options.background
     if isinstance(background, str) and background not in (AUTO, NONE) and not Path(background).is_file():
-        raise FexelError(f"--background: {background}: no such file, expected an image, #rrggbb, {AUTO} or {NONE}")
+        found = "is a folder" if Path(background).is_dir() else "no such file"
+        raise FexelError(f"--background: {background}: {found}, expected an image, #rrggbb, {AUTO} or {NONE}")
     for name, folder, drives in (
         ("--normal-maps", options.normal_maps, "normal"),
         ("--roughness-maps", options.roughness_maps, "roughness"),

@@ -134,7 +134,8 @@ def describe(report: UmbrellaReport) -> str:
     """One line about a ground: how many of what, bytes, and what an explicit texture would take."""
     width, height = report.grid
     bases = f"{len(report.bases)} base{'' if len(report.bases) == 1 else 's'}"
-    sizes = f"{report.n} umbrellas of {bases} on {width} x {height} cells, {report.nbytes} bytes"
+    umbrellas = f"{report.n} umbrella{'' if report.n == 1 else 's'}"
+    sizes = f"{umbrellas} of {bases} on {width} x {height} cells, {report.nbytes} bytes"
     if not report.n:
         return f"{report.stage}: {sizes}"
     columns, rows = report.resolution

@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import cv2
 import numpy as np
@@ -142,6 +143,7 @@ def compressed_sizes(
     background: NDArray[np.float32] | Sequence[float] | None,
     *,
     is_data: bool = False,
+    vector_scale: tuple[float, float] | None = None,
     draw: Draw | None = None,
 ) -> CompressedSizes:
     """Bytes of both sides.
@@ -155,15 +157,28 @@ def compressed_sizes(
         Behind the umbrellas, for the explicit texture. It is the same on both sides, so it counts on neither.
     is_data : bool
         Values are stored without sRGB encoding.
+    vector_scale : (float, float), optional
+        Of vectors, as `rasterize` takes it: they turn with their umbrella in the explicit texture.
     draw : callable(size, window), optional
         The explicit texture's windows (s0, t0, s1, t1), premultiplied; default: `rasterize`.
     """
     sizes = [(0, 0) if t is None else (t.shape[1], t.shape[0]) for t in textures]
     pictures = sum(jpeg_bytes(texture, is_data=is_data) for texture in textures if texture is not None)
-    draw = draw or (lambda size, window: rasterize(arrangement, textures, background, size, window=window))
+    draw = draw or partial(_drawn, arrangement, textures, background, vector_scale)
     explicit = _explicit_bytes(explicit_resolution(arrangement, sizes), draw, is_data)
     contours = sum(_contour_bytes(shape.points, shape.morph_points, shape.tex_coords) for shape in arrangement.shapes)
     return CompressedSizes(pictures, contours, encode_arrangement(arrangement).nbytes, explicit)
+
+
+def _drawn(
+    arrangement: Arrangement,
+    textures: Sequence[NDArray[np.float32] | None],
+    background: NDArray[np.float32] | Sequence[float] | None,
+    vector_scale: tuple[float, float] | None,
+    size: tuple[int, int],
+    window: Window,
+) -> NDArray[np.float32]:
+    return rasterize(arrangement, textures, background, size, window=window, vector_scale=vector_scale)
 
 
 def jpeg_bytes(picture: NDArray[np.float32], quality: int = JPEG_QUALITY, *, is_data: bool = False) -> int:
