@@ -19,7 +19,6 @@ OPTIONS = UmbrellaOptions(
     arrangement="blue-noise",
     size=(0.9, 1.6),
     morph=0.3,
-    color_blend=0.3,
     vertices=48,
     seed=2,
     fallback_size=448,

@@ -32,7 +32,6 @@ OPTIONS = UmbrellaOptions(
     background="none",
     arrangement=str(FOLDER / "heap.csv"),
     diversify=("color",),
-    color_blend=0.4,
     vertices=32,
     tolerance=0.3,
     size=(1.0, 1.15),

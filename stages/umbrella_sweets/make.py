@@ -16,7 +16,6 @@ OPTIONS = UmbrellaOptions(
     layers=3.0,
     background=parse_background("#e8dcc8"),
     diversify=("color",),
-    color_blend=0.4,
     vertices=32,
     size=(1.0, 1.2),
     rotation=(-20.0, 20.0),
