@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from pathlib import Path
 
 import cv2
@@ -13,7 +14,7 @@ from pxr import Usd
 from typer.testing import CliRunner
 
 import fexel
-from fexel.errors import FexelError
+from fexel.errors import FexelError, FexelWarning
 from fexel.images import image_info, read_linear, srgb_to_linear
 from fexel.textures import extract_texture
 from fexel.validators import validate_file
@@ -301,6 +302,36 @@ def test_centres_can_be_given(folder):
     middle = -shapes["ash"].points[1:].min(axis=0) / np.ptp(shapes["ash"].points, axis=0)
     assert np.allclose(middle, 0.5, atol=0.06)
     assert centre[0] > 0.53 and centre[1] > 0.53, "right of and above the middle"
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (("--hints", "elm.csv"), r"elm\.csv: elm\.png at 5,5: no element is of a file .*; not used \(2 hints in all\)"),
+        (("--hints", "far.csv"), r"far\.csv: oak at 900,5: lies in no element of it; not used"),
+        (("--centre", "5000,5000"), r"--centre: 5000,5000 lies outside of oak in oak\.png .*\(3 elements in all\)"),
+        (("--references", "refs"), r"--references: refs/notes\.txt: cannot be read: .*; left out"),
+        (("--vertices", "4"), r"--vertices 4: the contour of \w+ is off by \d+.* \(3 elements in all\)"),
+    ],
+)
+def test_what_is_given_in_vain_is_told_once(folder, given, said):
+    Path("elm.csv").write_text("elm.png,5,5\nelm.png,6,6\noak.png,70,50\n")
+    Path("far.csv").write_text("oak,900,5\n")
+    Path("refs").mkdir()
+    write_image("refs/blue.png", leaf((20, 40, 200)))
+    Path("refs/notes.txt").write_text("no picture")
+    with pytest.warns(FexelWarning) as caught:
+        result = run(*CUTOUTS, "-o", "out.usda", *FAST, *given)
+    assert result.exit_code == 0, (result.output, result.exception)
+    messages = [str(w.message) for w in caught if issubclass(w.category, FexelWarning)]
+    assert len(messages) == 1 and re.match(said, messages[0]) and "\n" not in messages[0]
+
+
+def test_what_is_given_and_taken_is_not_told(folder, recwarn):
+    Path("hints.csv").write_text("oak.png,70,50\nash,0.5,0.5\n")
+    write_image("blue.png", leaf((20, 40, 200)))
+    made(*CUTOUTS, "-o", "out.usda", "--hints", "hints.csv", "--centre", "60,60", "--references", "blue.png")
+    assert not [w for w in recwarn if issubclass(w.category, FexelWarning)]
 
 
 def test_places_can_be_given(folder):

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from fexel.errors import FexelError
 from fexel_tools.umbrella_elements import Element
 
-__all__ = ["Hints", "hint_of", "read_hints"]
+__all__ = ["Hints", "given_point", "hint_of", "is_hinted", "names_of", "read_hints", "takes"]
 
 Hints = Mapping[str, Sequence[tuple[float, float]]]
 """Places by name of element, file, or its stem."""
@@ -62,14 +62,37 @@ def hint_of(element: Element, centre: str, hints: Hints) -> NDArray[np.float64] 
     (2,) float64 or None
         Pixels of `Element.color`, y up.
     """
-    path = element.path
-    for name in (element.name, str(path), path.name, path.stem):
-        inside = [place for point in hints.get(name, ()) if _is_inside(place := _in_photo(element, point), element)]
-        if inside:
-            return _in_element(element, inside[0])
-    if centre in _WORDS:
-        return None
-    return _in_element(element, _in_photo(element, _point("--centre", element.name, centre.split(","))))
+    inside = [point for name in names_of(element) for point in hints.get(name, ()) if takes(element, point)]
+    point = inside[0] if inside else given_point(centre)
+    return None if point is None else _in_element(element, _in_photo(element, point))
+
+
+def is_hinted(element: Element, hints: Hints) -> bool:
+    """Whether a hint lies within an element."""
+    return any(takes(element, point) for name in names_of(element) for point in hints.get(name, ()))
+
+
+def names_of(element: Element) -> tuple[str, ...]:
+    """What a table may call an element, the most particular first."""
+    return element.name, str(element.path), element.path.name, element.path.stem
+
+
+def takes(element: Element, point: tuple[float, float]) -> bool:
+    """Whether a place, as it is given, lies within the box of an element."""
+    x, y = _in_photo(element, point)
+    left, top, right, bottom = element.box
+    return left <= x <= right and top <= y <= bottom
+
+
+def given_point(centre: str) -> tuple[float, float] | None:
+    """Of ``x,y``; None of a word.
+
+    Raises
+    ------
+    FexelError
+        Neither of them.
+    """
+    return None if centre in _WORDS else _point("--centre", "x,y", centre.split(","))
 
 
 def _json_rows(file: str | Path, text: str) -> list[tuple[str, Sequence]]:
@@ -107,11 +130,6 @@ def _in_photo(element: Element, point: tuple[float, float]) -> tuple[float, floa
     if max(point) <= 1.0 and min(point) >= 0.0:
         return point[0] * element.photo_size[0], point[1] * element.photo_size[1]
     return point
-
-
-def _is_inside(place: tuple[float, float], element: Element) -> bool:
-    left, top, right, bottom = element.box
-    return left <= place[0] <= right and top <= place[1] <= bottom
 
 
 def _in_element(element: Element, place: tuple[float, float]) -> NDArray[np.float64]:

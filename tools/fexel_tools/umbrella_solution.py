@@ -20,6 +20,7 @@ from pxr import Tf
 from fexel.errors import FexelError
 from fexel.textures.umbrella_arrangement import Arrangement, Shape
 from fexel_tools.phases import Phases
+from fexel_tools.umbrella_advice import warn_of_centre, warn_of_hints, warn_of_references, warn_of_tolerance
 from fexel_tools.umbrella_arrange import arrange, check_arrange_options
 from fexel_tools.umbrella_background import Background, choose_background
 from fexel_tools.umbrella_base import BaseOptions, BaseUmbrella, make_bases
@@ -163,15 +164,20 @@ def read_sources(files: Sequence[str], options: UmbrellaOptions) -> list[Element
 
 def _bases(sources: Sequence[Elements], options: UmbrellaOptions) -> tuple[list[Element], list[BaseUmbrella]]:
     elements = [element for source in sources for element in source.elements]
+    hints = read_hints(options.hints) if options.hints else {}
+    warn_of_hints(options.hints, hints, elements)
+    warn_of_centre(options.centre, hints, elements)
     chosen = BaseOptions(
         vertices=options.vertices,
         tolerance_px=options.tolerance,
         texture_size=options.texture_size,
         centre=options.centre,
-        hints=read_hints(options.hints) if options.hints else {},
+        hints=hints,
     )
     with ThreadPoolExecutor(options.jobs) as pool:
-        return elements, list(pool.map(lambda element: make_bases([element], chosen)[0], elements))
+        bases = list(pool.map(lambda element: make_bases([element], chosen)[0], elements))
+    warn_of_tolerance(elements, bases, options)
+    return elements, bases
 
 
 def _references(options: UmbrellaOptions) -> list[BaseUmbrella]:
@@ -180,6 +186,7 @@ def _references(options: UmbrellaOptions) -> list[BaseUmbrella]:
         return []
     shown = replace(options, kind="auto", raw=False, drives="")
     sources = read_sources(options.references, shown)
+    warn_of_references(sources)
     coarse = BaseOptions(texture_size=_REFERENCE_TEXELS)
     return make_bases([element for source in sources for element in source.elements], coarse)
 
