@@ -6,6 +6,7 @@ Points look through the lists of their cells rank by rank, all points at once; o
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -75,6 +76,12 @@ class ArrangementTwin:
         self._turns = turns(arrangement) * [[1, vector_hand], [vector_hand, 1]] if vector_hand else None
         self._sectors = Sectors(arrangement)
         self._cells: dict[float, Cells] = {}
+
+    def looking(self, arrangement: Arrangement) -> ArrangementTwin:
+        """The same umbrellas with another blend or another strength of shadows, not none: what is known is shared."""
+        other = copy(self)
+        other.arrangement = arrangement
+        return other
 
     @cached_property
     def _opaque(self) -> NDArray[np.bool_]:

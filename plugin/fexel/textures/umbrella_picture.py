@@ -29,8 +29,10 @@ from fexel.textures.umbrella_layers import ArrangementTwin
 __all__ = ["PictureSource", "PictureTexels", "picture_level", "picture_source", "picture_wrap", "umbrella_cells"]
 
 _CELL_TEXELS = 8  # along an axis of a cell: as many as there are pixels at full detail
-_SAMPLES = 2  # along an axis of a texel
-_MOST_SAMPLES = 1 << 20  # of a picture: seconds
+_MOST_TEXELS = 1 << 18
+_SAMPLES = 2  # along an axis of a texel, where that makes not too many of them
+_MOST_SAMPLES = 1 << 18  # of a picture: seconds
+_MOST_KEPT = 1 << 20  # vertices of umbrellas that are kept for the next look: 100 bytes each
 _TYPICAL_CELLS = 1.5  # how wide umbrellas are meant to be
 _BLOCK = 1 << 15
 
@@ -95,8 +97,8 @@ def picture_level(arrangement: Arrangement) -> int:
     A level is log2 of cells of the authored grid, which may be anything: it can be negative. Later where so many texels
     would take too long.
     """
-    samples = math.prod(arrangement.grid) * (_CELL_TEXELS * _SAMPLES) ** 2
-    least = 1 + math.ceil(math.log2(samples / _MOST_SAMPLES) / 2)
+    texels = math.prod(arrangement.grid) * _CELL_TEXELS**2
+    least = 1 + math.ceil(math.log2(texels / _MOST_TEXELS) / 2)
     return max(least, 1 + round(math.log2(umbrella_cells(arrangement) / _TYPICAL_CELLS)))
 
 
@@ -122,6 +124,7 @@ class PictureTexels:
 
     def __init__(self, kept: KeptTexels, cache: PyramidCache) -> None:
         self._kept, self._cache = kept, cache
+        self._umbrellas: tuple[Hashable, ArrangementTwin | None] = None, None
 
     def facts(self, source: PictureSource, path: str) -> ImageFacts:
         """Size and page class."""
@@ -145,18 +148,32 @@ class PictureTexels:
     def _made(self, source: PictureSource, path: str) -> NDArray[np.float32]:
         """(H, W, 4) means of a few soft lookups per texel."""
         width, height = source.size
-        columns, rows = width * _SAMPLES, height * _SAMPLES
+        samples = _SAMPLES if width * height * _SAMPLES**2 <= _MOST_SAMPLES else 1
+        columns, rows = width * samples, height * samples
         s, t = (np.arange(columns) + 0.5) / columns, (np.arange(rows)[::-1] + 0.5) / rows
         st = np.stack(np.meshgrid(s, t), axis=-1).reshape(-1, 2)
         color = np.zeros((len(st), 4))
         twin, axes = self._twin(source.data, path), np.diag([1.0 / columns, 1.0 / rows])
         for block in blocks(len(st), _BLOCK):
             color[block] = twin.sample(st[block], np.broadcast_to(axes, (len(st[block]), 2, 2)))
-        color = color.reshape(height, _SAMPLES, width, _SAMPLES, 4).mean(axis=(1, 3))
+        color = color.reshape(height, samples, width, samples, 4).mean(axis=(1, 3))
         return color.astype(np.float32)
 
     def _twin(self, data: UmbrellaData, path: str) -> CompositeTwin:
-        images = base_images(data.arrangement, data.paths, self._cache)
-        umbrellas = ArrangementTwin(data.arrangement, images, data.vector_hand)
         background = TwinImage(data.background, path, self._cache)
+        umbrellas = self._looking(data)
         return CompositeTwin(umbrellas, background, data.wrap, data.arrangement.grid, 1.0)
+
+    def _looking(self, data: UmbrellaData) -> ArrangementTwin:
+        """The umbrellas; those of the picture before where only their blend or the strength of shadows has changed."""
+        arrangement = data.arrangement
+        shadow = arrangement.shadow_offset if arrangement.shadow_strength > 0 else None
+        key = arrangement.neutral.digest, shadow, data.paths, data.vector_hand
+        last, umbrellas = self._umbrellas
+        if umbrellas is not None and last == key:
+            return umbrellas.looking(arrangement)
+        images = base_images(arrangement, data.paths, self._cache)
+        umbrellas = ArrangementTwin(arrangement, images, data.vector_hand)
+        is_small = arrangement.first_vertex[-1] <= _MOST_KEPT
+        self._umbrellas = (key, umbrellas) if is_small else (None, None)
+        return umbrellas
