@@ -85,7 +85,7 @@ def _umbrella(
         typer.Option(
             "--references",
             help="Image of elements whose colours are taken, or a folder of such; repeat it for several; default: each "
-            "other's.",
+            "other's, of those alike.",
             show_default=False,
         ),
     ] = None,
