@@ -183,6 +183,7 @@ vec4 umbrella_compose(UmbrellaLook look, vec2 relative, vec2 base, vec2 dx, vec2
 {
     vec3 s = wrap_locate(relative.x, base.x, look.grid.cells.x, look.wrap.x);
     vec3 t = wrap_locate(relative.y, base.y, look.grid.cells.y, look.wrap.y);
+    // Where the place is clamped the pixel keeps its size, as for hardware: without it edges had no width to be soft across.
     vec2 turned = vec2(s.z < 0.0 ? -1.0 : 1.0, t.z < 0.0 ? -1.0 : 1.0);
     vec2 cell = vec2(s.x, t.x);
     UmbrellaPlace place = UmbrellaPlace(vec2(s.y, t.y), turned * dx, turned * dy);

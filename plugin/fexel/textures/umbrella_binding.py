@@ -130,9 +130,8 @@ def umbrella_record(
     origins, bits = (places.origins, places.row_bits) if places else (np.zeros(4), (0, 0))
     cells = np.array(layout.size)
     rows, base = _rows(sight, cells, wrap)
-    codes = (
-        WRAP_CODES[wrap[0]] + 4 * WRAP_CODES[wrap[1]] + 16 * bits[0] + 512 * bits[1] + 16384 * (data.vector_hand % 3)
-    )
+    vectors = data.vector_hand % 3  # 0, 1, and 2 where one of their axes runs backward
+    codes = WRAP_CODES[wrap[0]] + 4 * WRAP_CODES[wrap[1]] + 16 * bits[0] + 512 * bits[1] + 16384 * vectors
     return np.array(
         [
             [*rows[0], base[0]],

@@ -12,8 +12,8 @@ Texels of the float page, in this order; addresses count from the first texel, c
   (y ...; address of the shape), where any matrix is projective (w ...; morph), and (coverage, negative where mirrored;
   cosine, sine of its turn from patch space to st; morph)
 - shapes: (tex coords of the centre, number of the image or -1, sectors), `slices` tables of `bins` sectors, the contour
-  (at a morph of 0, the way to one of 1), whose first `_AFTER` vertices follow again after the last, and tex coords (of
-  a vertex and of the next) for each sector.
+  (at a morph of 0, the way to one of 1), whose first vertices follow again after the last, and tex coords (of a vertex
+  and of the next) for each sector (`umbrella_shape_texels`).
 
 The half-float page has the vertex colours, umbrella by umbrella.
 """
