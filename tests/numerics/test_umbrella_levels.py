@@ -157,6 +157,30 @@ def test_level_of_the_papers_grid_takes_half_a_megabyte(rng):
     assert image.bytes <= 0.55e6 and not image.has_alpha
 
 
+@pytest.mark.parametrize("grid", [(64, 24), (400, 300), (1000, 1000)])
+def test_samples_of_a_cell_do_not_grow_with_the_grid_nor_with_the_texels_of_images(monkeypatch, grid):
+    taken = []
+
+    def drawn(_arrangement, _textures, _background, size, *, supersample, **_options):
+        taken.append(size[0] * size[1] * supersample**2 / (grid[0] * grid[1]))
+        return np.ones((4, 4, 4), np.float32)
+
+    monkeypatch.setattr("fexel_tools.umbrella_levels.rasterize", drawn)
+    ground = replace(leaves(np.random.default_rng(1), (2, 2)), grid=grid)
+    image_level(ground, [np.ones((2048, 2048, 4), np.float32)], SOIL)
+    assert 32**2 <= taken[0] <= 64**2
+
+
+def test_level_of_a_large_grid_is_near_to_many_samples(rng):
+    """With a texel a cell, as beyond 1000 x 1000 cells."""
+    ground = leaves(rng)
+    texture = rng.uniform(0.6, 1.0, (64, 64, 4)).astype(np.float32)
+    texture[..., 3] = 1.0
+    level = image_level(ground, [texture], (*SOIL, 1.0), texels_per_cell=1)
+    truth = fitted_levels(rasterize(ground, [texture], (*SOIL, 1.0), (2 * GRID[0], 2 * GRID[1]), supersample=32))
+    assert np.sqrt(np.mean((level.levels[0] - truth[0]) ** 2)) < 0.004
+
+
 def test_file_has_the_fitted_levels(rng, tmp_path):
     image = image_level(leaves(rng, shadow=False), [None], None)
     write_level_image(tmp_path / "level.tif", image)
