@@ -436,6 +436,15 @@ def test_library_call_is_the_command(folder):
     )
 
 
+def test_progress_is_told_within_long_phases(folder):
+    told = {}
+    options = UmbrellaOptions(grid=(6, 4), count=20, fallback_size=256, texture_size=32)
+    make_umbrella(["oak.png"], "out.usda", options, progress=lambda step, *done: told.setdefault(step, []).append(done))
+    for step in ("umbrellas", "fallback", "levels"):
+        dones, totals = zip(*told[step], strict=True)
+        assert list(dones) == sorted(dones) and set(totals) == {dones[-1]} and dones[-1] > 1
+
+
 def test_spelling_of_options():
     assert parse_grid(" 64X24 ") == (64, 24)
     assert parse_background("#FF0000") == (1.0, 0.0, 0.0, 1.0) and parse_background("None") == "none"

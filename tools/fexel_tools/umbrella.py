@@ -9,9 +9,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -43,6 +44,8 @@ __all__ = ["make_umbrella"]
 
 # Per axis and pixel: edges and shadows by nine samples that share a colour. Against 144 samples with a colour each:
 # 40 dB on fall leaves, 38 dB on real ones; with a colour each 46 and 47 dB, in twice the time.
+Drawn = Callable[[int, int], None]  # is told tiles done and in all
+
 _FALLBACK_SAMPLES = 3
 
 
@@ -161,9 +164,11 @@ def _write(
             arrays = next(iter([*staged.textures.glob("*.usdc"), staged.stage])).stat().st_size
         with ThreadPoolExecutor(1) as beside:  # encodes pictures while levels are made
             with phases("fallback"):
-                encoded = [_write_fallback(stage, each, staged, options, beside) for each in maps]
+                drawn = partial(phases.progress, "fallback")
+                encoded = [_write_fallback(stage, each, staged, options, beside, drawn) for each in maps]
             with phases("levels"):
-                level_bytes = [_write_levels(stage, ground, each, staged, options) for each in maps]
+                drawn = partial(phases.progress, "levels")
+                level_bytes = [_write_levels(stage, ground, each, staged, options, drawn) for each in maps]
                 for picture in encoded:
                     picture.result()
                 stage.GetRootLayer().Save()  # levels and fallbacks add to it
@@ -203,7 +208,7 @@ def _write_textures(
 
 
 def _write_levels(
-    stage: Usd.Stage, ground: Ground, each: MapData, staged: StagedOutput, options: UmbrellaOptions
+    stage: Usd.Stage, ground: Ground, each: MapData, staged: StagedOutput, options: UmbrellaOptions, drawn: Drawn
 ) -> int:
     """Levels of detail of a map; returns their bytes."""
     if options.levels == "none" or not len(ground.arrangement):
@@ -213,7 +218,14 @@ def _write_levels(
     digest = level_digest(data)
     if options.levels == "merged":
         return _write_merged(texture, each, digest, staged, options)
-    image = image_level(each.arrangement, each.textures, each.behind, jobs=options.jobs, vector_scale=each.vector_scale)
+    image = image_level(
+        each.arrangement,
+        each.textures,
+        each.behind,
+        jobs=options.jobs,
+        vector_scale=each.vector_scale,
+        progress=drawn,
+    )
     path = staged.textures / f"{_file_stem('level', each, options)}.tif"
     bits, color_space = (16 if max(each.bits) > 8 else 8), ("raw" if each.is_data else "sRGB")
     write_level_image(path, image, bits=bits, color_space=color_space)
@@ -244,7 +256,7 @@ def _write_merged(
 
 
 def _write_fallback(
-    stage: Usd.Stage, each: MapData, staged: StagedOutput, options: UmbrellaOptions, beside: Executor
+    stage: Usd.Stage, each: MapData, staged: StagedOutput, options: UmbrellaOptions, beside: Executor, drawn: Drawn
 ) -> Future:
     """The picture of a map for other applications, drawn from what is at hand, and the network that shows it.
 
@@ -263,6 +275,7 @@ def _write_fallback(
         group=_FALLBACK_SAMPLES,
         vector_scale=each.vector_scale,
         jobs=options.jobs,
+        progress=drawn,
     )
     path = staged.textures / f"{_file_stem('fallback', each, options)}.png"
     fallback.author(prim, path, color_space=storage.color_space, scale=storage.scale, bias=storage.bias)
