@@ -8,7 +8,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from fexel_tools.umbrella import make_umbrella
-from fexel_tools.umbrella_options import UmbrellaOptions, parse_background
+from fexel_tools.umbrella_options import UmbrellaOptions
+from fexel_tools.umbrella_spelling import parse_background
 
 FOLDER = Path(__file__).resolve().parent
 OPTIONS = UmbrellaOptions(

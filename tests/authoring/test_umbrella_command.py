@@ -21,8 +21,8 @@ from fexel.validators import validate_file
 from fexel_tools.cli import app
 from fexel_tools.image_files import write_image
 from fexel_tools.umbrella import make_umbrella
-from fexel_tools.umbrella_options import (
-    UmbrellaOptions,
+from fexel_tools.umbrella_options import UmbrellaOptions
+from fexel_tools.umbrella_spelling import (
     parse_background,
     parse_centre,
     parse_diversify,

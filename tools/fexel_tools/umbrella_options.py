@@ -1,44 +1,37 @@
-"""How to author umbrellas: the options, what they may be, and how the command line spells them."""
+"""How to author umbrellas: the options, and what they may be; `umbrella_spelling` has how they are written."""
 
 from __future__ import annotations
 
 import os
-import re
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from fexel.errors import FexelError
-from fexel.images import srgb_to_linear
 from fexel_tools.umbrella_arrange import ArrangeOptions
 from fexel_tools.umbrella_background import AUTO, CELL_TEXELS, NONE
 from fexel_tools.umbrella_elements import KINDS
 
 __all__ = [
+    "CENTRES",
     "DIVERSIFIED",
     "LEVELS",
+    "MOST_CELLS",
+    "Color",
     "UmbrellaOptions",
     "check_options",
-    "parse_background",
-    "parse_centre",
-    "parse_diversify",
-    "parse_files",
-    "parse_grid",
-    "parse_range",
-    "parse_vector",
     "read_files",
 ]
 
 DIVERSIFIED = ("color", "shape")
 LEVELS = ("image", "merged", "none")
 DRIVEN = ("diffuseColor", "emissiveColor", "normal", "roughness", "metallic", "occlusion", "opacity")
-_CENTRES = ("auto", "centroid", "veins")
+CENTRES = ("auto", "centroid", "veins")
 _COLOR_INPUTS = ("diffuseColor", "emissiveColor")
 _VERTICES = (4, 4096)
 _TEXTURE_SIZES = (4, 4096)
-_MOST_CELLS = 4096
+MOST_CELLS = 4096
 
 Color = tuple[float, float, float, float]
 
@@ -178,7 +171,7 @@ def check_options(options: UmbrellaOptions) -> None:
         if value not in choices:
             raise FexelError(f"{name}: '{value}' is unknown, expected one of {', '.join(choices)}")
     for name, value, low, high in (
-        ("--grid", max(options.grid), 1, _MOST_CELLS),
+        ("--grid", max(options.grid), 1, MOST_CELLS),
         ("--vertices", options.vertices, *_VERTICES),
         ("--texture-size", options.texture_size, *_TEXTURE_SIZES),
         ("--background-size", options.background_size, 1, 1024),
@@ -222,117 +215,3 @@ def _check_files(options: UmbrellaOptions) -> None:
             raise FexelError(f"{name}: {folder}: no such folder")
         if folder and options.driven == drives:
             raise FexelError(f"{name}: the inputs drive the {drives} already")
-
-
-def parse_grid(text: str) -> tuple[int, int]:
-    """``64x24``: cells along s and t.
-
-    Raises
-    ------
-    FexelError
-        Anything else, or less than one cell.
-    """
-    match = re.fullmatch(r"\s*(\d+)\s*[xX]\s*(\d+)\s*", text)
-    if not match or not (1 <= int(match[1]) <= _MOST_CELLS and 1 <= int(match[2]) <= _MOST_CELLS):
-        raise FexelError(f"--grid: '{text}', expected cells along s and t, 1 to {_MOST_CELLS} each, such as 64x24")
-    return int(match[1]), int(match[2])
-
-
-def parse_range(text: str, option: str) -> tuple[float, float]:
-    """``lo:hi``, or one number for both.
-
-    Examples
-    --------
-    >>> parse_range("1.2:2", "--size"), parse_range("0", "--rotation")
-    ((1.2, 2.0), (0.0, 0.0))
-    """
-    parts = _numbers(text.split(":"))
-    if len(parts) not in (1, 2) or parts[0] > parts[-1]:
-        raise FexelError(f"{option}: '{text}', expected lowest:highest, or one number")
-    return parts[0], parts[-1]
-
-
-def parse_vector(text: str, option: str) -> tuple[float, float]:
-    """``dx,dy``.
-
-    Examples
-    --------
-    >>> parse_vector("0.1,-0.1", "--shadow")
-    (0.1, -0.1)
-    """
-    parts = _numbers(text.split(","))
-    if len(parts) != 2:
-        raise FexelError(f"{option}: '{text}', expected two numbers with a comma between them")
-    return parts[0], parts[1]
-
-
-def parse_background(text: str) -> str | Color:
-    """``auto``, ``none``, ``#rrggbb`` (sRGB-encoded), or a file as it is."""
-    if match := re.fullmatch(r"#([0-9a-fA-F]{6})", text.strip()):
-        encoded = np.array(list(bytes.fromhex(match[1])), np.float32) / np.float32(255)
-        red, green, blue = (float(v) for v in srgb_to_linear(encoded))
-        return red, green, blue, 1.0
-    if text.strip().startswith("#") and not Path(text).exists():
-        raise FexelError(f"--background: '{text}', expected #rrggbb, an image, {AUTO} or {NONE}")
-    return text.strip().lower() if text.strip().lower() in (AUTO, NONE) else text
-
-
-def parse_centre(text: str) -> str:
-    """``auto``, ``centroid``, ``veins``, or ``x,y``.
-
-    Raises
-    ------
-    FexelError
-        Anything else.
-    """
-    if text in _CENTRES:
-        return text
-    if len(_numbers(text.split(","))) != 2:
-        raise FexelError(f"--centre: '{text}', expected {', '.join(_CENTRES)}, or x,y in pixels of the photo")
-    return text
-
-
-def parse_diversify(text: str) -> tuple[str, ...]:
-    """``color,shape``, one of them, or ``none``.
-
-    Examples
-    --------
-    >>> parse_diversify("shape,color"), parse_diversify("none")
-    (('color', 'shape'), ())
-    """
-    chosen = {part.strip() for part in text.split(",")}
-    if chosen == {NONE}:
-        return ()
-    if not chosen <= set(DIVERSIFIED):
-        raise FexelError(f"--diversify: '{text}', expected {','.join(DIVERSIFIED)}, one of them, or {NONE}")
-    return tuple(name for name in DIVERSIFIED if name in chosen)
-
-
-def parse_files(given: Sequence[str]) -> tuple[str, ...]:
-    """Files as they are; the files of folders, sorted; those of a list with commas.
-
-    Raises
-    ------
-    FexelError
-        A folder without a file.
-    """
-    files: list[str] = []
-    for entry in given:
-        for name in [entry] if Path(entry).exists() else entry.split(","):
-            if Path(name).is_dir():
-                inside = sorted(str(path) for path in Path(name).iterdir() if path.is_file())
-                if not inside:
-                    raise FexelError(f"{name}: the folder has no file, expected images")
-                files += inside
-            else:
-                files.append(name.strip())
-    return tuple(files)
-
-
-def _numbers(parts: list[str]) -> list[float]:
-    """Finite numbers; none at all where one of them is not."""
-    try:
-        values = [float(part) for part in parts]
-    except ValueError:
-        return []
-    return values if np.isfinite(values).all() else []

@@ -174,13 +174,14 @@ def _umbrella(
     Prints what the ground holds, and what of the photos was left out. Exit status 1, and nothing written, when no file
     has a usable element.
     """
-    from fexel_tools import umbrella_options as spelled
+    from fexel_tools import umbrella_spelling as spelled
     from fexel_tools.progress import progress_bars
     from fexel_tools.umbrella import make_umbrella
     from fexel_tools.umbrella_companions import without_maps
+    from fexel_tools.umbrella_options import UmbrellaOptions
     from fexel_tools.umbrella_report import describe, describe_dropped
 
-    options = spelled.UmbrellaOptions(
+    options = UmbrellaOptions(
         grid=spelled.parse_grid(grid),
         count=count,
         layers=layers,
