@@ -178,7 +178,7 @@ def test_unusable_photos_are_named_and_the_run_goes_on(series_files, tmp_path, r
     assert photos["whole again.png"].reason == f"duplicate of '{whole}'"
     assert photos["blank.png"].reason.startswith("blank")
     assert photos["other.png"].reason.startswith("no match with the other photos")
-    assert photos["cut.png"].reason.startswith("cannot be decoded")
+    assert photos["cut.png"].reason.startswith("ends early")
     assert photos["text.jpg"].reason.startswith("cannot be read")
 
 
