@@ -10,42 +10,27 @@ Times are CPU times of the process: the software rasteriser's threads count, oth
 from __future__ import annotations
 
 import tempfile
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 
+from bench.cost_target import CostTarget, cpu_times
 from bench.harness import Row
 from bench.pinchmap_texture import pinchmap_stage, random_pinchmap, save_texels, two_sides
-from bench.zipmap_stage import Patch, compiled_view, front_view, quad, save, zipmap_stage, zipmap_texture
+from bench.zipmap_stage import Patch, quad, save, zipmap_stage, zipmap_texture
 from fexel.renderer.aov import checked_aovs
 from fexel.renderer.api import Renderer
 from fexel.renderer.context import GLContext
 from fexel.renderer.frame import FrameSettings
-from fexel.renderer.program import ProgramCache
 from fexel.scene.model import Camera, Draw, Light, Material, Scene, Texture, TextureInput
 from fexel.textures.pinchmap_twin import encode_texels
-from fexel.textures.system import TextureSystem
 
 NAME = "pinchmap lookup cost"
 _PIXELS = 1024
 _SIZE = 64
 _LOD = 0.5
-_SRGB8_ALPHA8 = 0x8C43
 _LIGHTS = ((-1, 1), (1, 1), (-1, -1), (1, -1), (0, 1.5), (0, -1.5))
-
-
-def cpu_times(contenders: dict[str, Callable[[], object]], repeats: int) -> dict[str, np.ndarray]:
-    """CPU seconds of each contender by turn, in alternating order; the first turn is left out."""
-    times: dict[str, list[float]] = {name: [] for name in contenders}
-    for turn in range(-1, repeats):
-        for name in list(contenders) if turn % 2 == 0 else list(contenders)[::-1]:
-            start = time.process_time()
-            contenders[name]()
-            if turn >= 0:
-                times[name].append(time.process_time() - start)
-    return {name: np.array(values) for name, values in times.items()}
 
 
 def pinchmapped(folder: Path, size: int = _SIZE, **inputs: object) -> Texture:
@@ -60,61 +45,9 @@ def pinchmapped(folder: Path, size: int = _SIZE, **inputs: object) -> Texture:
     return zipmap_texture(stage, "/Pinchmap")
 
 
-class _Target:
-    """Draws into one 1024 x 1024 target; each method gives a closure that draws a frame and waits for it."""
-
-    def __init__(self, gl) -> None:
-        self._gl = gl
-        self._target = gl.framebuffer([gl.renderbuffer((_PIXELS, _PIXELS), 4, dtype="f2")])
-        self._programs = ProgramCache(gl)
-        self._systems: list[TextureSystem] = []
-
-    def plain(self, size: int) -> Callable[[], None]:
-        """GL's own trilinear lookup of a square texture that fills the picture."""
-        texels = (np.random.default_rng(1).random((size, size, 4)) * 255).astype(np.uint8)
-        texture = self._gl.texture((size, size), 4, texels.tobytes(), internal_format=_SRGB8_ALPHA8)
-        texture.build_mipmaps()
-        texture.filter = (self._gl.LINEAR_MIPMAP_LINEAR, self._gl.LINEAR)
-        program = self._programs.get("texture_view.vert", "texture_plain.frag")
-        view = front_view((0, 0), (1, 1), _PIXELS, _PIXELS)
-        draw = compiled_view(self._gl, program, quad(), view)
-
-        def frame() -> None:
-            texture.use(0)
-            program["plain"] = 0
-            self._draw(draw)
-
-        return frame
-
-    def textured(self, texture: Texture, times: float = 1.0) -> Callable[[], None]:
-        """A texture of a stage, repeated so many times across the picture."""
-        system = TextureSystem(self._gl, anisotropy=1)
-        self._systems.append(system)
-        view = front_view((0, 0), (1, 1), _PIXELS, _PIXELS)
-        program, binding, draw = compiled_view(
-            self._gl, self._programs, quad((0, 0), (times, times)), view, (texture, system)
-        )
-
-        def frame() -> None:
-            binding.apply(program)
-            self._draw(draw)
-
-        return frame
-
-    def _draw(self, draw: Callable[[], None]) -> None:
-        self._target.use()
-        draw()
-        self._gl.finish()
-
-    def release(self) -> None:
-        """Free the textures."""
-        for system in self._systems:
-            system.release()
-
-
 def unlit_ratios(gl, folder: Path, repeats: int) -> dict[str, tuple[float, float, float]]:
     """By setting: CPU time over the plain lookup's and over the magnified one's, and the spread of the first."""
-    target = _Target(gl)
+    target = CostTarget(gl, _PIXELS)
     frames = {
         "plain": target.plain(int(_PIXELS * 2**_LOD)),
         "magnified": target.plain(2 * _SIZE),

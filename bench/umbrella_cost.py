@@ -15,14 +15,11 @@ from pathlib import Path
 
 import numpy as np
 
+from bench.cost_target import CostTarget, cpu_times
 from bench.fall_leaves import FallLeaves, fall_leaves
 from bench.harness import Curve, Row
-from bench.pinchmap_cost import cpu_times
-from bench.zipmap_stage import compiled_view, front_view, quad
 from fexel.renderer.context import GLContext
-from fexel.renderer.program import ProgramCache
 from fexel.scene.model import Texture
-from fexel.textures.system import TextureSystem
 from fexel.textures.umbrella import UmbrellaData
 
 NAME = "umbrella lookup cost"
@@ -32,7 +29,6 @@ _V, _K = 77, 13
 _VERTICES = (16, 32, 64, 77, 128)
 _LISTS = (4, 8, 13, 20, 28, 37)
 _LOD = 0.5
-_SRGB8_ALPHA8 = 0x8C43
 
 
 def umbrellas(leaves: FallLeaves, *, shadows: bool) -> Texture:
@@ -41,66 +37,11 @@ def umbrellas(leaves: FallLeaves, *, shadows: bool) -> Texture:
     return Texture("/Umbrella", "umbrella", UmbrellaData(leaves.background, arrangement))
 
 
-class CostTarget:
-    """Draws into one target; each method gives a closure that draws a frame and waits for it.
-
-    Parameters
-    ----------
-    gl : moderngl.Context
-    """
-
-    def __init__(self, gl) -> None:
-        self._gl = gl
-        self._target = gl.framebuffer([gl.renderbuffer((_PIXELS, _PIXELS), 4, dtype="f2")])
-        self._programs = ProgramCache(gl)
-        self._systems: list[TextureSystem] = []
-        self._view = front_view((0, 0), (1, 1), _PIXELS, _PIXELS)
-
-    def plain(self) -> Callable[[], None]:
-        """GL's own trilinear lookup of a square texture that fills the picture."""
-        size = int(_PIXELS * 2**_LOD)
-        texels = (np.random.default_rng(1).random((size, size, 4)) * 255).astype(np.uint8)
-        texture = self._gl.texture((size, size), 4, texels.tobytes(), internal_format=_SRGB8_ALPHA8)
-        texture.build_mipmaps()
-        texture.filter = (self._gl.LINEAR_MIPMAP_LINEAR, self._gl.LINEAR)
-        program = self._programs.get("texture_view.vert", "texture_plain.frag")
-        draw = compiled_view(self._gl, program, quad(), self._view)
-
-        def frame() -> None:
-            texture.use(0)
-            program["plain"] = 0
-            self._draw(draw)
-
-        return frame
-
-    def textured(self, texture: Texture) -> Callable[[], None]:
-        """A texture of a stage over the whole picture."""
-        system = TextureSystem(self._gl, anisotropy=1)
-        self._systems.append(system)
-        program, binding, draw = compiled_view(self._gl, self._programs, quad(), self._view, (texture, system))
-
-        def frame() -> None:
-            binding.apply(program)
-            self._draw(draw)
-
-        return frame
-
-    def _draw(self, draw: Callable[[], None]) -> None:
-        self._target.use()
-        draw()
-        self._gl.finish()
-
-    def release(self) -> None:
-        """Free the textures."""
-        for system in self._systems:
-            system.release()
-
-
 def cost_ratios(folder: Path, settings: list[tuple[int, int, bool]], repeats: int) -> list[tuple[float, float]]:
     """CPU time over the plain lookup's, and half its spread, for each (k, v, shadows)."""
     with GLContext() as gl:
-        target = CostTarget(gl)
-        frames: dict[str, Callable[[], object]] = {"plain": target.plain()}
+        target = CostTarget(gl, _PIXELS)
+        frames: dict[str, Callable[[], object]] = {"plain": target.plain(int(_PIXELS * 2**_LOD))}
         for k, v, shadows in settings:
             leaves = fall_leaves(folder / f"k{k}v{v}", vertices=v, grid=_GRID, k=k)
             frames[str((k, v, shadows))] = target.textured(umbrellas(leaves, shadows=shadows))

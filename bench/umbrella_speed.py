@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from bench.color_error import ciede2000
+from bench.cost_target import cpu_times
 from bench.harness import Curve, Row
-from bench.pinchmap_cost import cpu_times
 from bench.umbrella_setting import Ground, fall_leaves_ground, merged_leaves_ground
 from bench.umbrella_texture import affine_view, picture
 from bench.umbrella_truth import turned_view
