@@ -14,9 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Sdf, Usd, UsdShade
 
+from fexel import homography
 from fexel.errors import FexelWarning
 
-__all__ = ["Inputs", "warn", "warn_of_filter"]
+__all__ = ["IDENTITY", "Inputs", "warn", "warn_of_filter"]
+
+IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 _FILTER = "minification:filter"
 _SRGB_NAMES = {"srgb", "srgb_texture", "srgb_rec709_scene", "srgb_rec709_display", "srgb - texture"}
@@ -62,6 +65,15 @@ class Inputs:
         """``inputs:matrix`` as authored, (3, 3); whether it is usable is for the caller to say."""
         value = self.value("matrix")
         return np.eye(3) if value is None else np.array(value, np.float64)
+
+    def placement(self) -> tuple[tuple[float, ...], ...]:
+        """``inputs:matrix`` of a root, 3 rows of 3; the identity, with a warning, where it is not usable."""
+        matrix = self.matrix()
+        if not homography.is_usable(matrix[None])[0]:
+            fault = "is singular, not finite, or maps infinity into the texture; it is left out"
+            warn(self.prim, "inputs:matrix", fault)
+            return IDENTITY
+        return tuple(tuple(row) for row in matrix.tolist())
 
     def opacity(self) -> float:
         """``inputs:opacity`` in [0, 1]; 0 for NaN."""

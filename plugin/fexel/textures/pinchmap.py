@@ -10,15 +10,12 @@ from dataclasses import dataclass, replace
 
 from pxr import Usd
 
-from fexel import homography
 from fexel.textures.image_source import ImageSource, image_source
-from fexel.textures.inputs import Inputs, warn, warn_of_filter
+from fexel.textures.inputs import IDENTITY, Inputs, warn, warn_of_filter
 
 __all__ = ["PRIM_TYPES", "PinchmapData", "extract"]
 
 PRIM_TYPES = ("PinchmapTexture",)
-
-_IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 @dataclass(frozen=True)
@@ -46,7 +43,7 @@ class PinchmapData:
     antialias: float = 1.0
     line_width: float = 0.0
     line_color: tuple[float, ...] = (0.0, 0.0, 0.0, 1.0)
-    st_to_texture: tuple[tuple[float, ...], ...] = _IDENTITY
+    st_to_texture: tuple[tuple[float, ...], ...] = IDENTITY
 
 
 def extract(prim: Usd.Prim, time: Usd.TimeCode, nested: bool = False) -> PinchmapData:
@@ -73,7 +70,7 @@ def extract(prim: Usd.Prim, time: Usd.TimeCode, nested: bool = False) -> Pinchma
         antialias=inputs.number("antialias", 1.0, 0.0),
         line_width=inputs.number("lineWidth", 0.0, 0.0),
         line_color=_line_color(inputs),
-        st_to_texture=_IDENTITY if nested else _matrix(inputs),
+        st_to_texture=IDENTITY if nested else inputs.placement(),
     )
 
 
@@ -83,11 +80,3 @@ def _line_color(inputs: Inputs) -> tuple[float, ...]:
     if within != alpha:
         warn(inputs.prim, "inputs:lineColor", f"has alpha {alpha:g}, expected 0 to 1; {within:g} is used")
     return *color, within
-
-
-def _matrix(inputs: Inputs) -> tuple[tuple[float, ...], ...]:
-    matrix = inputs.matrix()
-    if not homography.is_usable(matrix[None])[0]:
-        warn(inputs.prim, "inputs:matrix", "is singular, not finite, or maps infinity into the texture; it is left out")
-        return _IDENTITY
-    return tuple(tuple(row) for row in matrix.tolist())

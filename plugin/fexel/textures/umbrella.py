@@ -18,10 +18,9 @@ from typing import Any
 import numpy as np
 from pxr import Usd
 
-from fexel import homography
 from fexel.schema.umbrella import UmbrellaTexture
 from fexel.textures.image_source import BIAS_ZERO, PATCH_WRAP, SCALE_ONE, ImageSource, fallback_of, wrap_of
-from fexel.textures.inputs import Inputs, warn, warn_of_filter
+from fexel.textures.inputs import IDENTITY, Inputs, warn, warn_of_filter
 from fexel.textures.umbrella_arrangement import Arrangement
 from fexel.textures.umbrella_arrays import read_arrangement
 from fexel.textures.umbrella_merged import read_level
@@ -50,8 +49,6 @@ small, and two levels blended are softer than a pixel."""
 LEVEL_IMAGE_BIAS = 1
 """How many mip levels finer than other images the image of a level is read: its texels are then half a pixel wide, and
 its mip levels are fitted to that (`fexel_tools.umbrella_levels`)."""
-
-_IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 @dataclass(frozen=True)
@@ -108,7 +105,7 @@ class UmbrellaData:
     levels: tuple[UmbrellaLevelData, ...] = ()
     paths: tuple[str, ...] = ()
     wrap: tuple[str, str] = ("repeat", "repeat")
-    st_to_texture: tuple[tuple[float, ...], ...] = _IDENTITY
+    st_to_texture: tuple[tuple[float, ...], ...] = IDENTITY
     scale: tuple[float, ...] = SCALE_ONE
     bias: tuple[float, ...] = BIAS_ZERO
     turns_vectors: bool = False
@@ -156,7 +153,7 @@ def extract(prim: Usd.Prim, time: Usd.TimeCode, nested: bool = False) -> Umbrell
         arrangement=arrangement,
         paths=tuple(f"{patch.path}.file" for patch in patches),
         wrap=PATCH_WRAP if nested else wrap_of(inputs),
-        st_to_texture=_IDENTITY if nested else _matrix(inputs),
+        st_to_texture=IDENTITY if nested else inputs.placement(),
         scale=scale,
         bias=bias,
         turns_vectors=_decodes_vectors(scale, bias) and all(image.color_space == "raw" for image in images),
@@ -233,14 +230,6 @@ def _background(inputs: Inputs, nested: bool, scale: tuple[float, ...], bias: tu
     unscaled = tuple((v - b) / s if s else 0.0 for v, s, b in zip(fallback, scale, bias, strict=True))
     wrap = ("clamp", "clamp") if nested else wrap_of(inputs)
     return ImageSource(inputs.asset("file"), inputs.asset("mask"), inputs.color_space(), wrap, fallback=unscaled)
-
-
-def _matrix(inputs: Inputs) -> tuple[tuple[float, ...], ...]:
-    matrix = inputs.matrix()
-    if not homography.is_usable(matrix[None])[0]:
-        warn(inputs.prim, "inputs:matrix", "is singular, not finite, or maps infinity into the texture; it is left out")
-        return _IDENTITY
-    return tuple(tuple(row) for row in matrix.tolist())
 
 
 def _levels(
