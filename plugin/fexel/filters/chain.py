@@ -1,0 +1,50 @@
+"""A chain of prefiltered images: a texture moved along a direction, 2^octaves times coarser along its long axis.
+
+A ripmap (McReynolds) has a level for every pair of resolutions; its diagonals are chains whose levels halve both axes
+at once, as mip levels do. So a chain is an image with mip levels to all that loads, drops and binds images; the one of
+direction 0 or 3 and 0 octaves is the texture itself. Only chains that are coarser along the long axis are of use, hence
+octaves >= 1 (notes, F7): 4/3 of the texture's memory per direction, 12 times altogether.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from fexel.filters.shears import DIRECTIONS, Direction
+from fexel.textures.image_source import ImageSource
+
+__all__ = ["Chain"]
+
+
+@dataclass(frozen=True)
+class Chain:
+    """Source of a chain in a `fexel.textures.pool.TexturePool`.
+
+    Attributes
+    ----------
+    image : ImageSource
+    direction : int
+        Of `fexel.filters.shears.DIRECTIONS`.
+    octaves : int
+        Log2 of how much coarser the long axis is; >= 1.
+    vectors : bool
+        The image holds vectors (a normal map): every level is renormalised.
+    """
+
+    image: ImageSource
+    direction: int
+    octaves: int
+    vectors: bool = False
+
+    def size(self, width: int, height: int, repeats: tuple[bool, bool]) -> tuple[int, int]:
+        """Width and height of level 0, of an image of `width` by `height` that repeats along x, y or not.
+
+        A mirrored axis counts as repeating and is twice as long: the image and its mirror image.
+        """
+        direction: Direction = DIRECTIONS[self.direction]
+        size = [width, height]
+        long, moved = direction.long_axis, 1 - direction.long_axis
+        if not repeats[moved]:
+            size[moved] += direction.padding(size[long])[1]
+        size[long] = max(1, size[long] >> self.octaves)
+        return size[0], size[1]

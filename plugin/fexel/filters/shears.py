@@ -1,0 +1,63 @@
+"""The directions in which a texture is prefiltered: plain ones along the two axes, and six sheared ones.
+
+Coordinates are texels of level 0, x to the right, y DOWN from the top, as rows are stored; texel (i, j) covers
+[i, i + 1) x [j, j + 1). A direction has a *long* axis, along which its images are coarser, and a shear that makes
+footprints of that direction run along it (Bornik and Ferko 2002, eq. 1 with a = d = 1 and b or c not 0):
+
+    long axis x:  x' = x,  y' = y + k (x - 1/2)        long axis y:  x' = x + k (y - 1/2),  y' = y
+
+so that column i (row j) moves by exactly k i (k j) texels: by whole ones, or by whole ones and a half. Tangents beyond
+1 describe a direction of the other axis a second time, and 1 of x is 1 of y (notes, F1, F5): these eight are all.
+
+Along the axis that is moved a repeating texture stays cyclic, with the same period (notes, F2). Any other texture is
+padded there: the moved coordinate is then measured from the smallest one that there is, see `padding`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+__all__ = ["DIRECTIONS", "Direction"]
+
+
+@dataclass(frozen=True)
+class Direction:
+    """A long axis and a shear.
+
+    Attributes
+    ----------
+    long_axis : int
+        0: x, 1: y.
+    shear : float
+        k, in [-1, 1]; 0, or a multiple of 1/2.
+    """
+
+    long_axis: int
+    shear: float
+
+    def padding(self, length: int) -> tuple[int, int]:
+        """Of a texture that does not repeat along the moved axis and is `length` texels long along the other one.
+
+        Returns
+        -------
+        offset : int
+            Added to the moved coordinate, so that none is negative.
+        texels : int
+            By how many the moved axis is longer.
+        """
+        reach = self.shear * (length - 1)
+        return math.ceil(max(-reach, 0.0)), math.ceil(abs(reach))
+
+
+DIRECTIONS: tuple[Direction, ...] = (
+    Direction(0, 0.0),
+    Direction(0, 0.5),
+    Direction(0, -0.5),
+    Direction(1, 0.0),
+    Direction(1, 0.5),
+    Direction(1, -0.5),
+    Direction(1, 1.0),
+    Direction(1, -1.0),
+)
+"""By number, as records and shaders have them."""
