@@ -6,10 +6,28 @@ prefiltered images there may be of a texture; everything else builds on these tw
 
 from __future__ import annotations
 
-__all__ = ["FILTERS", "PORTABLE_FILTERS"]
+from fexel.errors import FexelError
+
+__all__ = ["DEFAULT_FILTER", "FILTERS", "PORTABLE_FILTERS", "checked_filter"]
 
 PORTABLE_FILTERS = ("mipmap", "anisotropic", "ripmap", "fipmap")
 """Tokens of ``minification:filter``: what a stage may ask of any renderer."""
 
 FILTERS = (*PORTABLE_FILTERS, "ewa", "auto")
 """And those of this renderer besides: the quality reference, and per pixel the cheapest one that is good enough."""
+
+DEFAULT_FILTER = "anisotropic"
+"""Of a texture that asks for none."""
+
+
+def checked_filter(token: str, where: str = "filter") -> str:
+    """One of `FILTERS`.
+
+    Raises
+    ------
+    FexelError
+        Another one; the message begins with `where` and lists the valid ones.
+    """
+    if token not in FILTERS:
+        raise FexelError(f"{where}: {token!r}, expected one of {', '.join(FILTERS)}")
+    return token

@@ -21,7 +21,7 @@ __all__ = ["IDENTITY", "Inputs", "warn", "warn_of_filter"]
 
 IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
-_FILTER = "minification:filter"
+_MINIFICATION = "minification:"
 _SRGB_NAMES = {"srgb", "srgb_texture", "srgb_rec709_scene", "srgb_rec709_display", "srgb - texture"}
 
 
@@ -34,13 +34,19 @@ class Inputs:
     time : Usd.TimeCode
     namespace : str
         Of the attributes that are inputs; '' for prims that name theirs plainly, as those below a texture do.
+
+    Attributes
+    ----------
+    minification : tuple of str
+        Authored properties of TextureMinificationAPI, which `fexel.filters.minification` reads.
     """
 
     def __init__(self, prim: Usd.Prim, time: Usd.TimeCode, namespace: str = "inputs:") -> None:
         self.prim = prim
+        self.time = time
         self._namespace = namespace
         names = prim.GetAuthoredPropertyNames()
-        self.names_filter = _FILTER in names
+        self.minification = tuple(name for name in names if name.startswith(_MINIFICATION))
         self._attributes = {
             name[len(namespace) :]: _producer(prim.GetAttribute(name)) for name in names if name.startswith(namespace)
         }
@@ -138,11 +144,10 @@ def _producer(attribute: Usd.Attribute) -> Usd.Attribute:
 
 
 def warn_of_filter(inputs: Inputs) -> None:
-    """Say that a prim asks for a minification filter that is not drawn."""
-    if inputs.names_filter:
-        chosen = inputs.prim.GetAttribute(_FILTER).Get()
-        if chosen not in (None, "anisotropic"):
-            warn(inputs.prim, _FILTER, f"{chosen!r} is not drawn yet; anisotropic is shown")
+    """Judge the minification filter of a prim."""
+    from fexel.filters.minification import filter_of  # late: it needs this module
+
+    filter_of(inputs)
 
 
 def warn(prim: Usd.Prim, attribute: str, fault: str) -> None:

@@ -57,12 +57,16 @@ class Slot:
         Where its own record starts in the record texture.
     nested : tuple of Slot
         Textures of other kinds in it, in no order.
+    local_to_texels : (3, 3) float64 or None
+        From local st to texels of level 0 of its base image, t up, row vectors: what the AOV ``footprint`` is told in.
+        None for a texture that has no base image: footprints are told in st.
     """
 
     kind: str
     page_classes: frozenset[int]
     record: int
     nested: tuple[Slot, ...] = ()
+    local_to_texels: NDArray[np.float64] | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fexel.errors import FexelWarning
+from fexel.filters import DEFAULT_FILTER, checked_filter
 from fexel.textures.atlas import Box, PageAtlas
 from fexel.textures.kept_texels import KeptTexels
 from fexel.textures.page_format import PAGE_FORMATS
@@ -61,6 +62,8 @@ class TexturePool:
         Texture memory for the pages that hold texels, in MiB.
     anisotropy : float
         Most probes per lookup, >= 1.
+    filter : str, optional
+        One of `fexel.filters.FILTERS`, for all textures whatever they ask for.
 
     Attributes
     ----------
@@ -75,8 +78,11 @@ class TexturePool:
         After `load`.
     """
 
-    def __init__(self, gl: moderngl.Context, memory_mb: float, anisotropy: float) -> None:
+    def __init__(
+        self, gl: moderngl.Context, memory_mb: float, anisotropy: float, filter: str | None = None
+    ) -> None:
         self._budget = max(int(memory_mb * 2**20), 0)
+        self._filter = None if filter is None else checked_filter(filter)
         self.anisotropy = max(1.0, float(anisotropy))
         self.atlases = tuple(PageAtlas(gl, page_class) for page_class in range(len(PAGE_FORMATS)))
         self.records = RecordTexture(gl)
@@ -90,6 +96,10 @@ class TexturePool:
         self.finest = np.zeros(0, np.int64)
         self.places = np.zeros((0, MAX_LEVELS, 4))
         self.page_class = np.zeros(0, np.int64)
+
+    def filter(self, authored: str | None) -> str:
+        """The filter that draws a texture which asks for `authored`, one of `FILTERS`; None asks for none."""
+        return self._filter or authored or DEFAULT_FILTER
 
     def reader(self, reader_class: Callable[..., _Reader], *arguments: object) -> _Reader:
         """The pool's reader of that class; at its first use made of the `KeptTexels` of all readers and `arguments`."""

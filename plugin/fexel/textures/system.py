@@ -48,10 +48,14 @@ class TextureSystem:
         coarser mip levels are shown; this warns once and never fails.
     anisotropy : float
         Most probes per lookup, >= 1; 1 is plain trilinear filtering.
+    filter : str, optional
+        One of `fexel.filters.FILTERS`, for all textures whatever they ask for.
     """
 
-    def __init__(self, gl: moderngl.Context, memory_mb: float = 512.0, anisotropy: float = 8.0) -> None:
-        self.pool = TexturePool(gl, memory_mb, anisotropy)
+    def __init__(
+        self, gl: moderngl.Context, memory_mb: float = 512.0, anisotropy: float = 8.0, filter: str | None = None
+    ) -> None:
+        self.pool = TexturePool(gl, memory_mb, anisotropy, filter)
         self._room = (int(gl.info["GL_MAX_VERTEX_OUTPUT_COMPONENTS"]) - _MESH_COMPONENTS) // 4
         self._slots: dict[int, tuple[TextureRequest, Slot]] = {}
         self._seen_layers: set[tuple[str, str]] = set()
