@@ -170,8 +170,10 @@ def parse_wrap(text: str) -> tuple[str, str]:
     return modes[0], modes[-1]
 
 
-def parse_color(text: str) -> tuple[float, float, float, float]:
+def parse_color(text: str, option: str = "--lineColor") -> tuple[float, float, float, float]:
     """Linear red, green, blue and straight alpha: 3 or 4 numbers, or ``#rrggbb[aa]``, which is sRGB-encoded.
+
+    `option` is named in messages.
 
     Raises
     ------
@@ -183,7 +185,7 @@ def parse_color(text: str) -> tuple[float, float, float, float]:
     >>> parse_color("1,0.5,0"), parse_color("#ff000080")
     ((1.0, 0.5, 0.0, 1.0), (1.0, 0.0, 0.0, 0.5019607843137255))
     """
-    fault = FexelError(f"--lineColor: '{text}', expected r,g,b[,a] (linear) or #rrggbb[aa] (sRGB)")
+    fault = FexelError(f"{option}: '{text}', expected r,g,b[,a] (linear) or #rrggbb[aa] (sRGB)")
     if match := re.fullmatch(r"#([0-9a-fA-F]{6})([0-9a-fA-F]{2})?", text.strip()):
         encoded = np.array(list(bytes.fromhex(match[1])), np.float32) / np.float32(255)
         red, green, blue = (float(v) for v in srgb_to_linear(encoded))

@@ -13,19 +13,19 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
-from pxr import Sdf, Tf, Usd, UsdGeom
+from pxr import Sdf, Usd, UsdGeom
 
 from fexel.errors import FexelError
 from fexel.stage import open_stage
 from fexel_tools.mesh_files import MESH_FORMATS
+from fexel_tools.stage_overlay import StageOverlay, check_overlay
 from fexel_tools.unwrap_file import convert_file
-from fexel_tools.unwrap_layer import UnwrapOptions, Unwrapped, author_primvar, relative_path, write_layer
+from fexel_tools.unwrap_layer import UnwrapOptions, Unwrapped, author_primvar
 from fexel_tools.uv_atlas import make_atlas
 
 __all__ = ["Unwrapped", "unwrap"]
 
 _USD_FORMATS = (".usd", ".usda", ".usdc", ".usdz")
-_OUTPUT_FORMATS = (".usda", ".usdc", ".usd")
 
 Progress = Callable[[str, int, int], None]
 
@@ -88,12 +88,7 @@ def _check_options(source: Path, output: Path, options: UnwrapOptions) -> None:
     if source.suffix.lower() not in _USD_FORMATS + MESH_FORMATS:
         valid = ", ".join(_USD_FORMATS + MESH_FORMATS)
         raise FexelError(f"{source}: format {source.suffix or 'without extension'}, expected one of {valid}")
-    if output.suffix.lower() not in _OUTPUT_FORMATS:
-        raise FexelError(f"{output}: expected a name that ends in {', '.join(_OUTPUT_FORMATS)}")
-    if output.exists() and output.samefile(source):
-        raise FexelError(f"{output}: is the input as well; write to another file")
-    if not output.parent.is_dir():
-        raise FexelError(f"{output.parent}: no such folder")
+    check_overlay(source, output)
     if not Sdf.Path.IsValidNamespacedIdentifier(options.primvar):
         raise FexelError(f"--primvar {options.primvar!r}: not a valid primvar name")
     if options.resolution < 16 or options.padding < 0:
@@ -104,24 +99,15 @@ def _check_options(source: Path, output: Path, options: UnwrapOptions) -> None:
 def _unwrap_stage(source: Path, output: Path, options: UnwrapOptions, progress: Progress) -> list[Unwrapped]:
     """Write a layer over a stage."""
     stage = open_stage(source)
-    layer = Sdf.Layer.CreateAnonymous(".usda")  # not on the stage: prototypes keep their names while it fills
-    layer.subLayerPaths = [relative_path(source, output)]
-    _copy_stage_metadata(stage.GetRootLayer(), layer)
+    overlay = StageOverlay(stage, source, output, "_fexel_st_")
     targets = list(_target_meshes(stage, source, options))
     results = []
     for done, prim in enumerate(targets):
         progress("meshes", done, len(targets))
-        results.append(_unwrap_prim(stage, layer, prim, options))
+        results.append(_unwrap_prim(overlay, prim, options))
     progress("meshes", len(targets), len(targets))
-    write_layer(layer, output)
+    overlay.write()
     return results
-
-
-def _copy_stage_metadata(source: Sdf.Layer, target: Sdf.Layer) -> None:
-    """Up axis, units, time codes, default prim...: USD reads them from the root layer alone."""
-    for key in source.pseudoRoot.ListInfoKeys():
-        if key not in ("subLayers", "subLayerOffsets", "documentation", "comment", "owner", "sessionOwner"):
-            target.pseudoRoot.SetInfo(key, source.pseudoRoot.GetInfo(key))
 
 
 def _target_meshes(stage: Usd.Stage, source: Path, options: UnwrapOptions) -> Iterator[Usd.Prim]:
@@ -150,7 +136,7 @@ def _wanted_path(stage: Usd.Stage, source: Path, path: str) -> Sdf.Path:
     return Sdf.Path(path)
 
 
-def _unwrap_prim(stage: Usd.Stage, layer: Sdf.Layer, prim: Usd.Prim, options: UnwrapOptions) -> Unwrapped:
+def _unwrap_prim(overlay: StageOverlay, prim: Usd.Prim, options: UnwrapOptions) -> Unwrapped:
     """Author coordinates for one mesh, unless it has them."""
     mesh, path = UsdGeom.Mesh(prim), str(prim.GetPath())
     points, counts, indices = (
@@ -169,7 +155,7 @@ def _unwrap_prim(stage: Usd.Stage, layer: Sdf.Layer, prim: Usd.Prim, options: Un
     st = atlas.st
     if mesh.GetOrientationAttr().Get() == UsdGeom.Tokens.leftHanded:
         st = np.float32([1, 0]) + st * np.float32([-1, 1])  # outside is the other side
-    author_primvar(layer, _editable_path(stage, layer, prim), options.primvar, st, atlas.corner_indices)
+    author_primvar(overlay.layer, overlay.editable_path(prim), options.primvar, st, atlas.corner_indices)
     return Unwrapped(path, len(counts), atlas.chart_count, atlas.utilization)
 
 
@@ -177,42 +163,3 @@ def _first_value(attribute: Usd.Attribute) -> np.ndarray:
     """The attribute's value at its first time sample, or its default."""
     value = attribute.Get(Usd.TimeCode.EarliestTime())
     return np.zeros(0) if value is None else np.asarray(value)
-
-
-def _editable_path(stage: Usd.Stage, layer: Sdf.Layer, prim: Usd.Prim) -> Sdf.Path:
-    """Where opinions about a prim go: its own path, or inside the class that the instances of its prototype inherit."""
-    if prim.IsInstanceProxy():
-        prim = prim.GetPrimInPrototype()
-    if not prim.IsInPrototype():
-        return prim.GetPath()
-    prototype = prim
-    while not prototype.IsPrototype():
-        prototype = prototype.GetParent()
-    owner = _class_of_prototype(stage, layer, prototype)
-    return prim.GetPath().ReplacePrefix(prototype.GetPath(), owner)
-
-
-def _class_of_prototype(stage: Usd.Stage, layer: Sdf.Layer, prototype: Usd.Prim) -> Sdf.Path:
-    """The class for a prototype; made, and inherited by all its instances, when first asked for."""
-    instances = sorted((instance for instance in prototype.GetInstances()), key=lambda p: str(p.GetPath()))
-    targets = [_editable_path(stage, layer, instance) for instance in instances]
-    for spec in (layer.GetPrimAtPath(path) for path in targets):
-        made = (
-            [path for path in spec.inheritPathList.prependedItems if path.name.startswith("_fexel_st_")] if spec else []
-        )
-        if made:
-            return made[0]
-    name = "_fexel_st_" + Tf.MakeValidIdentifier(instances[0].GetName())
-    path = _free_path(stage, layer, name)
-    Sdf.CreatePrimInLayer(layer, path).specifier = Sdf.SpecifierClass
-    for target in targets:
-        Sdf.CreatePrimInLayer(layer, target).inheritPathList.Prepend(path)
-    return path
-
-
-def _free_path(stage: Usd.Stage, layer: Sdf.Layer, name: str) -> Sdf.Path:
-    number, path = 0, Sdf.Path(f"/{name}")
-    while stage.GetPrimAtPath(path) or layer.GetPrimAtPath(path):
-        number += 1
-        path = Sdf.Path(f"/{name}_{number}")
-    return path

@@ -11,7 +11,8 @@ from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdShade, Vt
 
 from fexel.errors import FexelError
 from fexel_tools.mesh_files import FileMesh, read_mesh_file
-from fexel_tools.unwrap_layer import UnwrapOptions, Unwrapped, author_primvar, relative_path, write_layer
+from fexel_tools.stage_overlay import relative_path, write_layer
+from fexel_tools.unwrap_layer import UnwrapOptions, Unwrapped, author_primvar
 from fexel_tools.uv_atlas import Atlas, make_atlas
 
 __all__ = ["convert_file"]

@@ -1,18 +1,13 @@
-"""What `fexel unwrap` writes: an indexed primvar into a layer, and the layer to its file, whole or not at all."""
+"""What `fexel unwrap` writes: an indexed primvar into a layer."""
 
 from __future__ import annotations
 
-import os
-import tempfile
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from pxr import Sdf, UsdGeom, Vt
 
-from fexel.errors import FexelError
-
-__all__ = ["UnwrapOptions", "Unwrapped", "author_primvar", "relative_path", "write_layer"]
+__all__ = ["UnwrapOptions", "Unwrapped", "author_primvar"]
 
 
 @dataclass(frozen=True)
@@ -68,28 +63,3 @@ def author_primvar(layer: Sdf.Layer, path: Sdf.Path, name: str, st: np.ndarray, 
         attribute = prim.attributes.get(attribute_name) or Sdf.AttributeSpec(prim, attribute_name, type_name)
         attribute.default = value
     prim.attributes[f"primvars:{name}"].SetInfo("interpolation", UsdGeom.Tokens.faceVarying)
-
-
-def relative_path(source: Path, output: Path) -> str:
-    """Path of a file as the output names it, anchored with ./ so that USD looks beside the layer."""
-    relative = Path(os.path.relpath(source.resolve(), output.resolve().parent)).as_posix()
-    return relative if relative.startswith("../") else f"./{relative}"
-
-
-def write_layer(layer: Sdf.Layer, output: Path) -> None:
-    """Export beside the output, then rename over it."""
-    handle, temporary = tempfile.mkstemp(prefix=f".{output.stem}-", suffix=output.suffix, dir=output.parent)
-    os.close(handle)
-    try:
-        if not layer.Export(temporary):
-            raise FexelError(f"{output}: USD could not write it")
-        os.chmod(temporary, 0o666 & ~_umask())
-        os.replace(temporary, output)
-    finally:
-        Path(temporary).unlink(missing_ok=True)
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask

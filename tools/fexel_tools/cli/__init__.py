@@ -16,7 +16,18 @@ import typer
 
 __all__ = ["app", "main"]
 
-_COMMANDS = ("render", "zipmap", "pinchmap", "umbrella", "bake", "info", "validate", "unwrap", "plugin_path")
+_COMMANDS = (
+    "render",
+    "zipmap",
+    "pinchmap",
+    "umbrella",
+    "minify",
+    "bake",
+    "info",
+    "validate",
+    "unwrap",
+    "plugin_path",
+)
 # 128 + number of the signal, as a shell reports it.
 _INTERRUPTED = 130  # SIGINT
 _TERMINATED = {143: "SIGTERM", 129: "SIGHUP"}
