@@ -14,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["RowHalver", "clear_rim", "halve", "level_count", "level_size", "pyramid"]
+__all__ = ["RowHalver", "clear_rim", "halve", "halve_axis", "level_count", "level_size", "pyramid"]
 
 
 def level_size(size: int, level: int) -> int:
@@ -44,7 +44,7 @@ def halve(image: NDArray[np.floating]) -> NDArray[np.float32]:
     >>> halve(np.array([[[0.0], [1.0], [2.0]]]))
     array([[[1.]]], dtype=float32)
     """
-    return _halve_axis(_halve_axis(np.asarray(image, np.float32), 0), 1)
+    return halve_axis(halve_axis(np.asarray(image, np.float32), 0), 1)
 
 
 class RowHalver:
@@ -66,17 +66,27 @@ class RowHalver:
         if self._pending is not None:
             rows = np.concatenate([self._pending, rows])
         if self._height == 1:
-            return _halve_axis(rows, 1)
+            return halve_axis(rows, 1)
         overlap = self._height % 2  # of an odd height, every row of the coarser level reaches into a third
         count = max((len(rows) - overlap) // 2, 0)
         self._pending = rows[2 * count :].copy()
-        coarse = _halve_axis(rows[: 2 * count + overlap], 0, self._height, self._done)
+        coarse = halve_axis(rows[: 2 * count + overlap], 0, self._height, self._done)
         self._done += count
-        return _halve_axis(coarse, 1)
+        return halve_axis(coarse, 1)
 
 
-def _halve_axis(image: NDArray[np.float32], axis: int, whole: int | None = None, start: int = 0) -> NDArray[np.float32]:
-    """Halve along an axis; given `whole`, the texels are a part of so many and make those from `start` on."""
+def halve_axis(image: NDArray[np.float32], axis: int, whole: int | None = None, start: int = 0) -> NDArray[np.float32]:
+    """Halve along an axis.
+
+    Parameters
+    ----------
+    image : (...) float32
+    axis : int
+    whole : int, optional
+        The image is a part of so many texels along the axis, and begins with the first that `start` needs.
+    start : int
+        First texel to make of the coarser level.
+    """
     size: int = whole or image.shape[axis]
     if size == 1:
         return image

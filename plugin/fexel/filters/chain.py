@@ -8,10 +8,14 @@ octaves >= 1 (notes, F7): 4/3 of the texture's memory per direction, 12 times al
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Hashable
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 from fexel.filters.shears import DIRECTIONS, Direction
-from fexel.textures.image_source import ImageSource
+
+if TYPE_CHECKING:
+    from fexel.textures.pool import TexelReader
 
 __all__ = ["Chain"]
 
@@ -22,19 +26,23 @@ class Chain:
 
     Attributes
     ----------
-    image : ImageSource
+    image : hashable
+        Source of the image in the pool, such as an `ImageSource`.
     direction : int
         Of `fexel.filters.shears.DIRECTIONS`.
     octaves : int
         Log2 of how much coarser the long axis is; >= 1.
     vectors : bool
         The image holds vectors (a normal map): every level is renormalised.
+    reader : TexelReader, optional
+        Of the image; default that of image files.
     """
 
-    image: ImageSource
+    image: Hashable
     direction: int
     octaves: int
     vectors: bool = False
+    reader: TexelReader | None = field(default=None, compare=False, repr=False)
 
     def size(self, width: int, height: int, repeats: tuple[bool, bool]) -> tuple[int, int]:
         """Width and height of level 0, of an image of `width` by `height` that repeats along x, y or not.

@@ -1,0 +1,156 @@
+"""All chains of a direction, from the lines of an image: moved, then halved along each axis, exact in area.
+
+Lines are taken in blocks that are halved on their own, side by side on all cores, until what is left of all of them is
+small; memory does not grow with the image but for that rest. Nothing is rounded between levels: a level is encoded from
+floats that the next one is made of.
+"""
+
+from __future__ import annotations
+
+import os
+from collections import deque
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fexel.filters.chain_layout import ChainLayout
+from fexel.filters.sheared import move_line, moved_lines
+from fexel.mipmaps import halve_axis, level_size
+
+__all__ = ["build_chains"]
+
+_BLOCK_TEXELS = 2**18
+_MOST_HALVINGS = 6  # of a block on its own
+_LEAST_HALVINGS = 4
+
+_Lines = NDArray[np.float32]
+_Cell = tuple[int, int]
+
+
+def build_chains(
+    layout: ChainLayout,
+    read: Callable[[int, int], _Lines],
+    encode: Callable[[_Lines], NDArray],
+    cells: dict[_Cell, NDArray],
+) -> None:
+    """Fill the cells of a direction.
+
+    Parameters
+    ----------
+    layout : ChainLayout
+    read : function of (first, last)
+        Lines of the image, (last - first, layout.line_texels, 4) float32, linear and premultiplied; called from several
+        threads.
+    encode : function
+        Texels as `cells` hold them.
+    cells : dict
+        By cell: (h + 2, w + 2, 4), rows and columns of the image with a border of one texel.
+    """
+    _Builder(layout, encode, cells).build(read)
+
+
+class _Builder:
+    def __init__(self, layout: ChainLayout, encode: Callable[[_Lines], NDArray], cells: dict[_Cell, NDArray]) -> None:
+        self._layout = layout
+        self._encode = encode
+        along_y = layout.direction.long_axis == 1
+        # Of every cell its lines first, whatever they are in the image.
+        self._cells = {cell: texels if along_y else texels.swapaxes(0, 1) for cell, texels in cells.items()}
+        self._ends: dict[tuple[_Cell, bool], _Lines] = {}
+
+    def build(self, read: Callable[[int, int], _Lines]) -> None:
+        layout = self._layout
+        halved, last = 0, layout.last[0]
+
+        def moved(first: int, end: int) -> _Lines:
+            return moved_lines(read(first, end), first, layout)
+
+        source: Callable[[int, int], _Lines] = moved
+        with ThreadPoolExecutor(_threads()) as pool:
+            while halved < last:
+                top = min(last, halved + self._halvings())
+                count = level_size(layout.lines, top)
+                rest = np.empty((count, layout.texels, 4), np.float32)
+                blocks = self._blocks(count, top - halved)
+                for first, lines in _in_parallel(pool, partial(self._block, source, halved, top), blocks):
+                    rest[first : first + len(lines)] = lines
+                source = _slices(rest)
+                halved = top
+        for cell in self._cells:
+            self._close(cell)
+
+    def _halvings(self) -> int:
+        fit = (_BLOCK_TEXELS // self._layout.texels).bit_length() - 1
+        return min(max(fit, _LEAST_HALVINGS), _MOST_HALVINGS)
+
+    def _blocks(self, count: int, halvings: int) -> Iterator[tuple[int, int]]:
+        step = max(1, (_BLOCK_TEXELS // self._layout.texels) >> halvings)
+        return ((first, min(first + step, count)) for first in range(0, count, step))
+
+    def _block(
+        self, source: Callable[[int, int], _Lines], low: int, top: int, first: int, end: int
+    ) -> tuple[int, _Lines]:
+        """Lines [first, end) halved `top` times, of those halved `low` times; writes what lies between."""
+        sizes = [level_size(self._layout.lines, n) for n in range(low, top + 1)]
+        needs = [(first, end)]
+        for size in reversed(sizes[:-1]):
+            a, b = needs[-1]
+            needs.append((0, 1) if size == 1 else (2 * a, 2 * b + size % 2))
+        lines = source(*needs[-1])
+        for n in range(low + 1, top + 1):
+            start = needs[top - n][0]
+            lines = halve_axis(lines, 0, sizes[n - 1 - low], start)
+            own = sizes[n - low] if end == sizes[-1] else end << (top - n)  # what lies beyond is the next block's too
+            self._write(n, start, lines[: own - start])
+        return first, lines
+
+    def _write(self, n: int, first: int, lines: _Lines) -> None:
+        """Cells (n, 0), (n, 1), ... of some lines."""
+        for m in range(self._layout.levels(n)):
+            if m:
+                lines = halve_axis(lines, 1)
+            self._cells[n, m][1 + first : 1 + first + len(lines), 1:-1] = self._encode(lines)
+            if first == 0:
+                self._ends[(n, m), False] = lines[:1].copy()
+            if first + len(lines) == level_size(self._layout.lines, n):
+                self._ends[(n, m), True] = lines[-1:].copy()
+
+    def _close(self, cell: _Cell) -> None:
+        """The border of a cell: what its wrap modes continue it with."""
+        texels, layout = self._cells[cell], self._layout
+        if layout.long_wrap == "repeat":
+            # Across the seam a line is moved by the whole texture's length more (notes, F2).
+            along = layout.direction.shear * layout.lines * layout.line_size(cell)[1] / layout.texels
+            for at, last, shift in ((0, True, -along), (-1, False, along)):
+                line = move_line(self._ends[cell, last][0], shift, layout.moved_wrap)
+                texels[at, 1:-1] = self._encode(line[None])[0]
+        else:
+            texels[0], texels[-1] = (texels[1], texels[-2]) if layout.long_wrap == "clamp" else (0, 0)
+        if layout.moved_wrap == "repeat":
+            texels[:, 0], texels[:, -1] = texels[:, -2].copy(), texels[:, 1].copy()
+        elif layout.moved_wrap == "clamp":
+            texels[:, 0], texels[:, -1] = texels[:, 1], texels[:, -2]
+        else:
+            texels[:, 0] = texels[:, -1] = 0
+
+
+def _slices(lines: _Lines) -> Callable[[int, int], _Lines]:
+    return lambda first, end: lines[first:end]
+
+
+def _threads() -> int:
+    return min(os.cpu_count() or 1, 8)
+
+
+def _in_parallel(pool: ThreadPoolExecutor, work: Callable, tasks: Iterator[tuple]) -> Iterator:
+    """Results in order; no more tasks at once than keep all threads busy."""
+    running: deque[Future] = deque()
+    for task in tasks:
+        running.append(pool.submit(work, *task))
+        if len(running) > 2 * _threads():
+            yield running.popleft().result()
+    while running:
+        yield running.popleft().result()

@@ -1,0 +1,133 @@
+"""Which images the chains of one direction consist of, how large they are, and where they lie in a block of memory.
+
+A *line* is a row of texels across the long axis: it moves as one. Cell (n, m) of the ripmap has the lines halved n
+times and the texels of each line m times. Level l of the chain of d octaves is cell (d + l, l), so that chains share no
+cell; only where the lines, or the texels, are down to one do several levels read the same (McReynolds 1998; notes, F4).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+from fexel import mipmaps
+from fexel.filters.shears import DIRECTIONS, Direction
+
+__all__ = ["ChainLayout"]
+
+_CYCLIC = ("repeat", "mirror")
+
+
+@dataclass(frozen=True)
+class ChainLayout:
+    """The chains of a direction of an image.
+
+    Attributes
+    ----------
+    direction : Direction
+    size : (int, int)
+        Width and height of the image.
+    image_wrap : (str, str)
+        Resolved wrap modes of the image: ``repeat``, ``mirror``, ``clamp``, ``black`` or ``patch``.
+    """
+
+    direction: Direction
+    size: tuple[int, int]
+    image_wrap: tuple[str, str]
+
+    @classmethod
+    def of(cls, direction: int, size: tuple[int, int], wrap: tuple[str, str]) -> ChainLayout:
+        """By number of the direction."""
+        return cls(DIRECTIONS[direction], size, wrap)
+
+    @property
+    def mirrored(self) -> tuple[bool, bool]:
+        """Along x, y: whether the chains hold the image and its mirror image."""
+        return self.image_wrap[0] == "mirror", self.image_wrap[1] == "mirror"
+
+    @property
+    def extent(self) -> tuple[int, int]:
+        """Width and height of what is moved: of the image, twice along a mirrored axis."""
+        width, height = (size << mirrored for size, mirrored in zip(self.size, self.mirrored, strict=True))
+        return width, height
+
+    @property
+    def wrap(self) -> tuple[str, str]:
+        """Wrap modes of the chains."""
+        s, t = ("repeat" if mode in _CYCLIC else mode for mode in self.image_wrap)
+        return s, t
+
+    @property
+    def long_wrap(self) -> str:
+        """Along the long axis."""
+        return self.wrap[self.direction.long_axis]
+
+    @property
+    def moved_wrap(self) -> str:
+        """Along the axis that is moved."""
+        return self.wrap[1 - self.direction.long_axis]
+
+    @property
+    def lines(self) -> int:
+        """At full resolution."""
+        return self.extent[self.direction.long_axis]
+
+    @property
+    def line_texels(self) -> int:
+        """Texels of a line before it is moved."""
+        return self.extent[1 - self.direction.long_axis]
+
+    @property
+    def padding(self) -> tuple[int, int]:
+        """`Direction.padding`; none where the moved axis is cyclic."""
+        return (0, 0) if self.moved_wrap == "repeat" else self.direction.padding(self.lines)
+
+    @property
+    def texels(self) -> int:
+        """Texels of a line at full resolution, padding included."""
+        return self.line_texels + self.padding[1]
+
+    @property
+    def last(self) -> tuple[int, int]:
+        """The coarsest cell."""
+        return max(self.lines.bit_length() - 1, 1), self.texels.bit_length() - 1
+
+    def cell(self, octaves: int, level: int) -> tuple[int, int]:
+        """(n, m) of a level of a chain."""
+        n, m = self.last
+        return min(octaves + level, n), min(level, m)
+
+    def line_size(self, cell: tuple[int, int]) -> tuple[int, int]:
+        """How many lines a cell has, and texels per line."""
+        return mipmaps.level_size(self.lines, cell[0]), mipmaps.level_size(self.texels, cell[1])
+
+    def cell_size(self, cell: tuple[int, int]) -> tuple[int, int]:
+        """Width and height."""
+        lines, texels = self.line_size(cell)
+        return (lines, texels) if self.direction.long_axis == 0 else (texels, lines)
+
+    def levels(self, n: int) -> int:
+        """How many cells there are of lines halved n times: m = 0, 1, ..."""
+        last_n, last_m = self.last
+        return last_m + 1 if n == last_n else min(n, last_m + 1)
+
+    @cached_property
+    def cells(self) -> tuple[tuple[int, int], ...]:
+        """All cells."""
+        return tuple((n, m) for n in range(1, self.last[0] + 1) for m in range(self.levels(n)))
+
+    @cached_property
+    def places(self) -> dict[tuple[int, int], tuple[int, int, int]]:
+        """Of every cell: its first texel in a block of memory, and rows and columns with the border of one texel."""
+        places, first = {}, 0
+        for cell in self.cells:
+            width, height = self.cell_size(cell)
+            places[cell] = (first, height + 2, width + 2)
+            first += (height + 2) * (width + 2)
+        return places
+
+    @cached_property
+    def total(self) -> int:
+        """Texels of all cells with their borders."""
+        first, rows, columns = self.places[self.cells[-1]]
+        return first + rows * columns
