@@ -1,4 +1,4 @@
-"""The directions in which a texture is prefiltered: plain ones along the two axes, and six sheared ones.
+"""The directions in which a texture is prefiltered: plain ones along the two axes, and fourteen sheared ones.
 
 Coordinates are texels of level 0, x to the right, y DOWN from the top, as rows are stored; texel (i, j) covers
 [i, i + 1) x [j, j + 1). A direction has a *long* axis, along which its images are coarser, and a shear that makes
@@ -6,8 +6,12 @@ footprints of that direction run along it (Bornik and Ferko 2002, eq. 1 with a =
 
     long axis x:  x' = x,  y' = y + k (x - 1/2)        long axis y:  x' = x + k (y - 1/2),  y' = y
 
-so that column i (row j) moves by exactly k i (k j) texels: by whole ones, or by whole ones and a half. Tangents beyond
-1 describe a direction of the other axis a second time, and 1 of x is 1 of y (notes, F1, F5): these eight are all.
+so that column i (row j) moves by exactly k i (k j) texels: by whole ones, or by quarters. Tangents beyond 1 describe a
+direction of the other axis a second time, and 1 of x is 1 of y (notes, F1, F5): these sixteen are all in steps of 1/4.
+
+The tilt that a shear leaves matters as the footprint is long. So the finer a direction, the coarser its images begin,
+see `Direction.octaves`: with eight directions of all octaves the memory is the same, 12 times the texture, but lookups
+of 4 accesses are up to 9 dB worse between these directions at an elevation of 1 degree.
 
 Along the axis that is moved a repeating texture stays cyclic, with the same period (notes, F2). Any other texture is
 padded there: the moved coordinate is then measured from the smallest one that there is, see `padding`.
@@ -30,11 +34,16 @@ class Direction:
     long_axis : int
         0: x, 1: y.
     shear : float
-        k, in [-1, 1]; 0, or a multiple of 1/2.
+        k, in [-1, 1]; a multiple of 1/4.
     """
 
     long_axis: int
     shear: float
+
+    @property
+    def octaves(self) -> int:
+        """Fewest octaves by which its images are coarser along the long axis: 1 of whole tangents, 2 of halves, 3."""
+        return 1 if self.shear % 1 == 0 else 2 if self.shear % 0.5 == 0 else 3
 
     def padding(self, length: int) -> tuple[int, int]:
         """Of a texture that does not repeat along the moved axis and is `length` texels long along the other one.
@@ -59,5 +68,13 @@ DIRECTIONS: tuple[Direction, ...] = (
     Direction(1, -0.5),
     Direction(1, 1.0),
     Direction(1, -1.0),
+    Direction(0, 0.25),
+    Direction(0, -0.25),
+    Direction(0, 0.75),
+    Direction(0, -0.75),
+    Direction(1, 0.25),
+    Direction(1, -0.25),
+    Direction(1, 0.75),
+    Direction(1, -0.75),
 )
 """By number, as records and shaders have them."""
