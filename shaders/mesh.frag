@@ -27,6 +27,7 @@ uniform float largestValue;      // of the target's format; a brighter pixel is 
 #include "surface_brdf.glsl"
 #include "light_analytic.glsl"
 #include "light_dome.glsl"
+#include "decision.glsl"
 #include "mesh_aovs.glsl"
 
 // How much of the surface is there: cut out (CUTOUT), blended (TRANSLUCENT) or all of it.
@@ -61,6 +62,9 @@ void main()
 {
     sample_textures();
     vec3 normal = shading_normal(worldNormal, eyePosition, gl_FrontFacing);
+#ifdef DATA_AOVS
+    measure_aovs(eyePosition);
+#endif
     float presence = surface_presence();
 #ifdef DATA_AOVS
     if (presence <= 0.0)

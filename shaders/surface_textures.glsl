@@ -1,7 +1,10 @@
 // The material's textures, each sampled once whatever inputs it drives.
 // Requires TEXTURE_COUNT and, per slot i, TEXTUREi_SAMPLE (the kind's function), TEXTUREi_NUMBER (which of the textures of
 // its kind) and TEXTUREi_ST (its varying).
-// Provides texels (linear, premultiplied), sample_textures, texel_color, texel_value; lod and patch of MAIN_TEXTURE.
+// Provides texels (linear, premultiplied), sample_textures, texel_color, texel_value; lod and patch of MAIN_TEXTURE, which
+// is slot 0, and with LOOKUP_COUNTS what its lookup takes: textureFetches, textureFilter.
+#include "texture_adjust.glsl"
+#include "lookup_counts.glsl"
 
 #if TEXTURE_COUNT > 0
 vec4 texels[TEXTURE_COUNT];
@@ -9,19 +12,40 @@ vec4 texels[TEXTURE_COUNT];
 float textureLod0 = -1.0;       // -1: no texture
 float texturePatch = -1.0;
 
+#if LOOKUP_COUNTS
+uniform float mainFilter;       // of the main texture, unless its lookup tells another one
+float textureFetches = 0.0;
+float textureFilter = -1.0;     // -1: no texture
+#endif
+
+#if TEXTURE_ADJUSTED
+#define ADJUST_SLOT(slot) texels[slot] = adjust_texel(slot, texels[slot]);
+#else
+#define ADJUST_SLOT(slot)
+#endif
+
 #define SAMPLE_SLOT(slot, number, sampleFunction, st)                                     \
     {                                                                                     \
         float lod;                                                                        \
         float patchIndex;                                                                 \
         texels[slot] = sampleFunction(number, st, dFdx(st), dFdy(st), lod, patchIndex);   \
         if (slot == MAIN_TEXTURE) { textureLod0 = lod; texturePatch = patchIndex; }       \
+        ADJUST_SLOT(slot)                                                                 \
     }
 
 // Outside any branch, since it takes derivatives.
 void sample_textures()
 {
+#if TEXTURE_COUNT > 0 && LOOKUP_COUNTS
+    lookupFetches = 0.0;
+    lookupFilter = mainFilter;
+#endif
 #if TEXTURE_COUNT > 0
     SAMPLE_SLOT(0, TEXTURE0_NUMBER, TEXTURE0_SAMPLE, TEXTURE0_ST)
+#endif
+#if TEXTURE_COUNT > 0 && LOOKUP_COUNTS
+    textureFetches = lookupFetches;
+    textureFilter = lookupFilter;
 #endif
 #if TEXTURE_COUNT > 1
     SAMPLE_SLOT(1, TEXTURE1_NUMBER, TEXTURE1_SAMPLE, TEXTURE1_ST)

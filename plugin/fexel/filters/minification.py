@@ -11,7 +11,7 @@ and is left out.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -27,6 +27,8 @@ __all__ = ["NO_MINIFICATION", "Minification", "filter_of", "minification_of", "m
 _API = "TextureMinificationAPI"
 _PREFIX = "minification:"
 _WHITE = (1.0, 1.0, 1.0)
+
+Tell = Callable[[Usd.Prim, str, str], None]
 
 
 @dataclass(frozen=True)
@@ -79,7 +81,7 @@ NO_MINIFICATION = Minification()
 
 def filter_of(inputs: Inputs) -> str | None:
     """The filter that a prim authors; None where it leaves it open, `DEFAULT_FILTER`, with a warning, for others."""
-    return _filter(inputs.prim, inputs.time, inputs.minification, tells=True)
+    return _filter(inputs.prim, inputs.time, inputs.minification, warn)
 
 
 def minification_of(inputs: Inputs) -> Minification:
@@ -88,7 +90,12 @@ def minification_of(inputs: Inputs) -> Minification:
 
 
 def minification_of_prim(
-    prim: Usd.Prim, time: Usd.TimeCode, names: Iterable[str] | None = None, *, tells_filter: bool = False
+    prim: Usd.Prim,
+    time: Usd.TimeCode,
+    names: Iterable[str] | None = None,
+    *,
+    tells_filter: bool = False,
+    tell: Tell = warn,
 ) -> Minification:
     """All that a prim authors at a time.
 
@@ -100,16 +107,18 @@ def minification_of_prim(
         Its authored properties that begin with ``minification:``, where they are known.
     tells_filter : bool
         Warn of an unknown filter and of a schema that is not applied; else somebody does who reads the filter.
+    tell : callable
+        Warns: of a prim, an attribute's name, a fault.
     """
     if names is None:
         names = [name for name in prim.GetAuthoredPropertyNames() if name.startswith(_PREFIX)]
     names = set(names)
     if not names:
         return NO_MINIFICATION
-    token = _filter(prim, time, names, tells_filter)
+    token = _filter(prim, time, names, tell if tells_filter else None)
     if not prim.HasAPI(_API):
         return NO_MINIFICATION
-    values = _Values(prim, time, names)
+    values = _Values(prim, time, names, tell)
     return Minification(
         filter=token,
         contrast=values.number("contrast", 1.0),
@@ -119,20 +128,20 @@ def minification_of_prim(
     )
 
 
-def _filter(prim: Usd.Prim, time: Usd.TimeCode, names: Iterable[str], tells: bool) -> str | None:
+def _filter(prim: Usd.Prim, time: Usd.TimeCode, names: Iterable[str], tell: Tell | None) -> str | None:
     if not names:
         return None
     if not prim.HasAPI(_API):
-        if tells:
-            warn(prim, min(names), f"is authored, but {_API} is not applied to the prim; it is left out")
+        if tell:
+            tell(prim, min(names), f"is authored, but {_API} is not applied to the prim; it is left out")
         return None
     name = _PREFIX + "filter"
     token = prim.GetAttribute(name).Get(time) if name in names else None
     if token is None or token in FILTERS:
         return token
-    if tells:
+    if tell:
         expected = ", ".join(PORTABLE_FILTERS)
-        warn(prim, name, f"is {str(token)!r}, expected one of {expected}; {DEFAULT_FILTER} is used")
+        tell(prim, name, f"is {str(token)!r}, expected one of {expected}; {DEFAULT_FILTER} is used")
     return DEFAULT_FILTER
 
 
@@ -143,6 +152,7 @@ class _Values:
     prim: Usd.Prim
     time: Usd.TimeCode
     names: set[str]
+    tell: Tell
 
     def number(self, name: str, default: float) -> float:
         """A finite number."""
@@ -178,5 +188,5 @@ class _Values:
         return numbers if len(numbers) == count else self._refused(name, f"{value!r}, which is no number", None)
 
     def _refused(self, name: str, fault: str, default: Any) -> Any:
-        warn(self.prim, _PREFIX + name, f"is {fault}")
+        self.tell(self.prim, _PREFIX + name, f"is {fault}")
         return default

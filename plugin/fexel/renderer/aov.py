@@ -11,7 +11,9 @@ from dataclasses import dataclass
 
 from fexel.errors import FexelError
 
-__all__ = ["AOVS", "Aov", "checked_aovs", "data_aovs"]
+__all__ = ["AOVS", "Aov", "aov_defines", "checked_aovs", "data_aovs"]
+
+_COUNTED = ("fetches", "filter")  # need shaders/lookup_counts.glsl
 
 
 @dataclass(frozen=True)
@@ -44,6 +46,10 @@ AOVS = _table(
     Aov("st", ("S", "T"), 0.0, "texture coordinates of the main texture, else of the mesh", 2),
     Aov("lod", ("L",), -1.0, "mip level of the top patch of the main texture; -1 where there is none", 1),
     Aov("patch", ("P",), -1.0, "index of the top patch of the main texture, 0 its base image, -1 where none", 1),
+    Aov("footprint", ("X", "Y", "Z"), 0.0, "pixel in texels of the main texture: major, minor axis, angle of major", 4),
+    Aov("fetches", ("F",), 0.0, "texels fetched for the main texture; 0 where there is none", 1),
+    Aov("filter", ("I",), -1.0, "minification filter of the main texture, place in FILTERS; -1 where none", 1),
+    Aov("decision", ("R", "G", "B"), 0.0, "colour of the camera's direction: along s, normal, along t", 4),
     Aov("primId", ("I",), -1.0, "index of the prim in Scene.prim_paths; -1 where there is nothing", 1),
 )
 
@@ -68,3 +74,10 @@ def checked_aovs(names: Sequence[str]) -> tuple[Aov, ...]:
 def data_aovs(aovs: Sequence[Aov]) -> tuple[Aov, ...]:
     """Those that need the data pass."""
     return tuple(aov for aov in aovs if aov.location_components)
+
+
+def aov_defines(aovs: Sequence[Aov]) -> dict[str, int]:
+    """Defines of a program that writes data AOVs, each at the location that is its place."""
+    locations = {f"AOV_{aov.name.upper()}": location for location, aov in enumerate(aovs)}
+    counts = {"LOOKUP_COUNTS": 1} if any(aov.name in _COUNTED for aov in aovs) else {}
+    return {"DATA_AOVS": 1} | locations | counts

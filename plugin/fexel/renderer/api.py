@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fexel.errors import FexelError, FexelWarning
+from fexel.filters import checked_filter
 from fexel.renderer.aov import checked_aovs
 from fexel.renderer.context import GLContext
 from fexel.renderer.frame import FrameRenderer, FrameSettings
@@ -23,9 +24,11 @@ if TYPE_CHECKING:
     from fexel.scene import SceneReader
     from fexel.scene.model import Scene
 
-__all__ = ["DEFAULT_TEXTURE_MEMORY_MB", "Renderer", "render"]
+__all__ = ["DEFAULT_ANISOTROPY", "DEFAULT_TEXTURE_MEMORY_MB", "Renderer", "render"]
 
 DEFAULT_TEXTURE_MEMORY_MB = 512.0
+DEFAULT_ANISOTROPY = 8
+MAX_ANISOTROPY = 16  # as graphics hardware has it
 
 
 class Renderer:
@@ -39,12 +42,16 @@ class Renderer:
     texture_memory_mb : float
         Budget for textures on the GPU, in MB of 2^20 bytes; past it, coarser mip levels are used.
     anisotropy : int
-        Largest ratio of a footprint's axes that is filtered without blur, 1 to 16.
+        Most probes of a lookup, 1 to 16: largest ratio of a footprint's axes that the filter ``anisotropic`` draws
+        without blur.
+    filter : str, optional
+        Minification filter of all textures, whatever their prims ask for: ``mipmap anisotropic ripmap fipmap``, or of
+        this renderer alone ``ewa`` (slow reference) and ``auto`` (per pixel the cheapest that is good enough).
 
     Raises
     ------
     FexelError
-        On first use, when there is no usable OpenGL.
+        Parameters outside of their range; on first use, when there is no usable OpenGL.
 
     Examples
     --------
@@ -53,10 +60,19 @@ class Renderer:
     ...         images = renderer.render("poster.usda", time=frame, width=640)
     """
 
-    def __init__(self, *, texture_memory_mb: float = DEFAULT_TEXTURE_MEMORY_MB, anisotropy: int = 8) -> None:
+    def __init__(
+        self,
+        *,
+        texture_memory_mb: float = DEFAULT_TEXTURE_MEMORY_MB,
+        anisotropy: int = DEFAULT_ANISOTROPY,
+        filter: str | None = None,
+    ) -> None:
         if not texture_memory_mb > 0.0:
             raise FexelError(f"texture memory: {texture_memory_mb} MB, expected more than 0")
-        self._options = {"texture_memory_mb": float(texture_memory_mb), "anisotropy": int(anisotropy)}
+        if not 1 <= anisotropy <= MAX_ANISOTROPY:
+            raise FexelError(f"anisotropy: {anisotropy}, expected 1 to {MAX_ANISOTROPY}")
+        self._options: dict[str, Any] = {"texture_memory_mb": float(texture_memory_mb), "anisotropy": int(anisotropy)}
+        self._options["filter"] = None if filter is None else checked_filter(filter)
         self._context = GLContext()
         self._frames: FrameRenderer | None = None
         self._reader: tuple[tuple, SceneReader] | None = None
@@ -111,7 +127,8 @@ class Renderer:
         time : float, optional
             Time code; None is the default time.
         aovs : sequence of str
-            Out of ``color alpha depth cameraDepth normal Neye position st lod patch primId``.
+            Out of ``color alpha depth cameraDepth normal Neye position st lod patch footprint fetches filter decision
+            primId``.
         samples : int
             Per pixel, for ``color`` and ``alpha``.
         camera_light : bool
@@ -175,7 +192,7 @@ class Renderer:
         """What was drawn and loaded since the renderer was made; fit for JSON.
 
         Keys: ``device``, ``frames``, ``tiles``, ``draws``, ``rebasedDraws``, ``programs``, ``meshBytes``, ``seconds``
-        per phase, ``textures`` (patches seen and loaded, levels, resident bytes, dropped levels).
+        per phase, ``textures`` (patches seen and loaded, levels, chains, resident bytes, dropped levels, filters).
         """
         if self._frames is None:
             return {"frames": 0}
@@ -250,6 +267,7 @@ def render(stage: str | os.PathLike | Usd.Stage, **options: Any) -> dict[str, np
     >>> import fexel
     >>> images = fexel.render("stages/wall.usda", width=320, aovs=("color", "depth"))  # doctest: +SKIP
     """
-    construction = {name: options.pop(name) for name in ("texture_memory_mb", "anisotropy") if name in options}
+    own = ("texture_memory_mb", "anisotropy", "filter")
+    construction = {name: options.pop(name) for name in own if name in options}
     with Renderer(**construction) as renderer:
         return renderer.render(stage, **options)

@@ -7,7 +7,7 @@ differs between draws. Uniforms that a program does not use are skipped.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -50,9 +50,12 @@ class Pass:
 class DrawState:
     """State of one context from draw to draw."""
 
-    def __init__(self, gl: moderngl.Context, *, texture_memory_mb: float, anisotropy: int) -> None:
+    def __init__(
+        self, gl: moderngl.Context, *, texture_memory_mb: float, anisotropy: int, filter: str | None = None
+    ) -> None:
         self._gl = gl
-        self._texture_options = {"memory_mb": texture_memory_mb, "anisotropy": anisotropy}
+        self._texture_options: dict[str, Any] = {"memory_mb": texture_memory_mb, "anisotropy": anisotropy}
+        self._texture_options["filter"] = filter
         self.programs = ProgramCache(gl)
         self.meshes = MeshCache(gl)
         self._domes = DomeTextures(gl, self.programs)

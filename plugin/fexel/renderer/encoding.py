@@ -18,6 +18,8 @@ __all__ = ["COLOR_CORRECTION_MODES", "ColorCorrection", "data_range", "visible_d
 
 COLOR_CORRECTION_MODES = ("disabled", "sRGB", "openColorIO")
 _LARGEST_LOD = 15.0  # of an image of 32768 texels
+_LARGEST_FETCHES = 8.0  # log2; most filters take fewer
+_LARGEST_ANISOTROPY = 6.0  # log2 of the ratio of axes at about 1 degree
 
 
 class ColorCorrection:
@@ -89,7 +91,8 @@ def visible_data(name: str, rows: np.ndarray, extent: tuple[np.ndarray, np.ndarr
 
     ``depth alpha``: as they are. ``cameraDepth``: nearest 1, farthest 0.1, nothing 0. ``position``: the frame's bounds
     to [0, 1]. ``normal Neye``: 0.5 + 0.5 n. ``st``: fraction, red and green. ``lod``: (lod + 1) / 16.
-    ``patch primId``: a colour per number, nothing black.
+    ``patch primId filter``: a colour per number, nothing black. ``footprint``: hue the direction, the more colour the
+    longer it is, brighter the more texels it is wide. ``fetches``: log2(1 + fetches) / 8. ``decision``: as it is.
 
     Parameters
     ----------
@@ -110,13 +113,30 @@ def visible_data(name: str, rows: np.ndarray, extent: tuple[np.ndarray, np.ndarr
         return np.concatenate([fraction, np.zeros_like(rows[..., :1])], axis=-1)
     if name == "lod":
         return (rows + 1.0) / (_LARGEST_LOD + 1.0)
-    if name in ("patch", "primId"):
+    if name in ("patch", "primId", "filter"):
         return _number_colors(rows[..., 0])
+    if name == "footprint":
+        return _footprint_colors(*np.moveaxis(rows, -1, 0))
+    if name == "fetches":
+        return np.log2(1.0 + rows) / _LARGEST_FETCHES
     return rows
 
 
 def _number_colors(numbers: np.ndarray) -> np.ndarray:
     """Distinct colours (H, W, 3) of whole numbers: hues by the golden ratio; black below 0."""
-    hue = np.modf(np.maximum(numbers, 0.0) * 0.6180339887498949)[0][..., None]
-    color = np.clip(np.abs(np.mod(hue * 6.0 + np.array([0.0, 4.0, 2.0]), 6.0) - 3.0) - 1.0, 0.0, 1.0)
+    color = _hues(np.modf(np.maximum(numbers, 0.0) * 0.6180339887498949)[0])
     return np.where(numbers[..., None] >= 0.0, 0.25 + 0.75 * color, 0.0)
+
+
+def _footprint_colors(major: np.ndarray, minor: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    """(H, W, 3): grey where round, black where there is none; half a turn is once around the hues."""
+    anisotropy = np.log2(np.maximum(major, 1e-30) / np.maximum(minor, 1e-30))  # 1e-30: nothing there
+    saturation = np.clip(anisotropy / _LARGEST_ANISOTROPY, 0.0, 1.0)[..., None]
+    value = np.clip((np.log2(np.maximum(minor, 1e-30)) + 4.0) / (_LARGEST_LOD + 4.0), 0.125, 1.0)[..., None]
+    color = value * (1.0 - saturation * (1.0 - _hues(angle / np.pi)))
+    return np.where(major[..., None] > 0.0, color, 0.0)
+
+
+def _hues(turns: np.ndarray) -> np.ndarray:
+    """(..., 3) saturated colours of a hue in turns."""
+    return np.clip(np.abs(np.mod(turns[..., None] * 6.0 + np.array([0.0, 4.0, 2.0]), 6.0) - 3.0) - 1.0, 0.0, 1.0)

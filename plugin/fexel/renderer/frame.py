@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fexel.errors import FexelError
-from fexel.renderer.aov import AOVS, Aov, data_aovs
+from fexel.renderer.aov import AOVS, Aov, aov_defines, data_aovs
 from fexel.renderer.draw_state import DrawState
 from fexel.renderer.targets import DataTarget, Targets
 from fexel.renderer.view_list import ViewList, Viewpoint
@@ -102,10 +102,12 @@ class FrameStats:
 class FrameRenderer:
     """Draws frames in one context, which must be current; keeps buffers, programs and textures between frames."""
 
-    def __init__(self, gl: moderngl.Context, *, texture_memory_mb: float, anisotropy: int) -> None:
+    def __init__(
+        self, gl: moderngl.Context, *, texture_memory_mb: float, anisotropy: int, filter: str | None = None
+    ) -> None:
         self._gl = gl
         self._targets = Targets(gl)
-        self.state = DrawState(gl, texture_memory_mb=texture_memory_mb, anisotropy=anisotropy)
+        self.state = DrawState(gl, texture_memory_mb=texture_memory_mb, anisotropy=anisotropy, filter=filter)
         self.stats = FrameStats()
 
     def draw(self, scene: Scene, settings: FrameSettings) -> dict[str, np.ndarray]:
@@ -195,8 +197,7 @@ class FrameRenderer:
         self, view_list: ViewList, tile: Tile, settings: FrameSettings, group: Sequence[Aov], target: DataTarget
     ) -> None:
         self._begin(target.frame, (-1.0, -1.0, -1.0, -1.0))
-        defines = {"DATA_AOVS": 1} | {f"AOV_{aov.name.upper()}": location for location, aov in enumerate(group)}
-        passed = self.state.begin_pass(defines, target.largest_value, (0.0, 0.0), (tile.width, tile.height))
+        passed = self.state.begin_pass(aov_defines(group), target.largest_value, (0.0, 0.0), (tile.width, tile.height))
         for item in (*view_list.opaque, *view_list.translucent):
             self.state.draw(item, passed, cull="back" if settings.cull_back_faces and not item.double_sided else "")
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from fexel.errors import FexelError
 from fexel.renderer.aov import checked_aovs
-from fexel.renderer.api import DEFAULT_TEXTURE_MEMORY_MB, Renderer
+from fexel.renderer.api import DEFAULT_ANISOTROPY, DEFAULT_TEXTURE_MEMORY_MB, Renderer
 from fexel.renderer.encoding import ColorCorrection
 from fexel.renderer.frame_spec import FrameRange, frame_path, parse_frames
 from fexel.renderer.output import check_output, file_names, write_images
@@ -52,6 +52,8 @@ class RecordOptions:
     dome_visible: bool = False
     render_settings: str | None = None
     texture_memory_mb: float = DEFAULT_TEXTURE_MEMORY_MB
+    anisotropy: int = DEFAULT_ANISOTROPY
+    filter: str | None = None
 
 
 @dataclass(frozen=True)
@@ -96,7 +98,9 @@ def record(
     ColorCorrection(options.color_correction or "disabled")
     files: list[Path] = []
     seconds_writing = 0.0
-    with Renderer(texture_memory_mb=options.texture_memory_mb) as renderer:
+    with Renderer(
+        texture_memory_mb=options.texture_memory_mb, anisotropy=options.anisotropy, filter=options.filter
+    ) as renderer:
         for number, planned in enumerate(images, start=1):
             arrays = renderer.render(stage, time=planned.time, **_render_options(planned.target, options))
             start = perf_counter()

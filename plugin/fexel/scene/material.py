@@ -16,6 +16,7 @@ from typing import Any
 from pxr import Usd, UsdShade
 
 from fexel.errors import FexelError
+from fexel.filters.minification import minification_of_prim
 from fexel.scene.model import Material, Texture, TextureInput
 from fexel.scene.sampling import Faults, Sampler
 from fexel.scene.shader_network import (
@@ -167,13 +168,17 @@ class MaterialReader:
             try:
                 kind, data = extract_texture(prim, time)
                 st = texture_coordinates(prim, sampler, self._faults)
-                texture = Texture(str(prim.GetPath()), kind, data, st.primvar, st.transform)
+                minification = minification_of_prim(prim, time, tell=self._tell)  # of the filter `kind` has told
+                texture = Texture(str(prim.GetPath()), kind, data, st.primvar, st.transform, minification)
             except FexelError as error:
                 self._faults.warn(prim.GetPath(), f"{error}; inputs:fallback is shown")
                 texture = None
             entry = _Entry(time, texture, True if sampler.varies else None, [prim])
             self._textures[key] = entry
         return entry
+
+    def _tell(self, prim: Usd.Prim, attribute: str, fault: str) -> None:
+        self._faults.warn(f"{prim.GetPath()}.{attribute}", fault)
 
     def _constant(self, prim: Usd.Prim, name: str, value: Any, default: Any) -> Any:
         """A value as float or 3-tuple, as the default is; the default where it is absent or of another kind."""

@@ -17,6 +17,8 @@ from typing import Any
 
 import numpy as np
 
+from fexel.filters.minification import NO_MINIFICATION, Minification
+
 __all__ = ["Camera", "Draw", "Light", "Material", "Mesh", "Scene", "Texture", "TextureInput"]
 
 
@@ -95,6 +97,8 @@ class Texture:
         Primvar that gives the texture coordinates.
     st_transform : (3, 3) float64
         From primvar to the texture's ``inputs:st``, row vectors (UsdTransform2d; identity if none).
+    minification : Minification
+        Filter, contrast, brightness and attenuation that the prim asks for.
     """
 
     path: str
@@ -102,6 +106,7 @@ class Texture:
     data: Any
     st_primvar: str = "st"
     st_transform: np.ndarray = field(default_factory=lambda: np.eye(3))
+    minification: Minification = NO_MINIFICATION
 
 
 @dataclass(frozen=True, eq=False)

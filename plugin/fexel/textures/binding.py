@@ -8,7 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fexel.filters import FILTERS
+from fexel.filters.minification import Minification
 from fexel.textures import gpu_half, kind_number
+from fexel.textures.adjustment import adjustment
 from fexel.textures.kind import Part, Slot
 from fexel.textures.page_format import PAGE_FORMATS
 
@@ -30,6 +33,8 @@ class TextureBinding:
     pool : TexturePool
     room : int
         Most flat varyings of 4 components.
+    asked : sequence of Minification, optional
+        Of the material's textures, in that order.
 
     Attributes
     ----------
@@ -39,8 +44,9 @@ class TextureBinding:
         Shader files of the kinds, nested ones first.
     """
 
-    def __init__(self, slots: Sequence[Slot], pool: TexturePool, room: int) -> None:
+    def __init__(self, slots: Sequence[Slot], pool: TexturePool, room: int, asked: Sequence[Minification] = ()) -> None:
         self._pool = pool
+        self._main = _main_uniforms(slots, asked, pool)
         everything = list(_with_nested(slots))
         self._classes = sorted(frozenset().union(*(slot.page_classes for slot in everything)))
         nested = [slot for slot in everything if not any(slot is own for own in slots)]
@@ -53,6 +59,7 @@ class TextureBinding:
             parts[kind] = part
             parts[kind].defines[f"{kind.upper()}_FLAT"] = sum(map(len, constants))
             constants.append(part.constants)
+        parts["material"] = adjustment(asked)
         self._parts = list(parts.values())
         self._constants = np.concatenate(constants)
         # A kind that nests others calls their functions: those come first.
@@ -77,7 +84,7 @@ class TextureBinding:
                 program[name] = unit
                 unit += 1
         half = np.array([(0.5 / atlas.size[0], 0.5 / atlas.size[1], 0.0, 0.0) for atlas in self._pool.atlases])
-        values = {"pageHalfTexel": half, "textureConstants": self._constants}
+        values = {"pageHalfTexel": half, "textureConstants": self._constants, **self._main}
         for part in self._parts:
             values |= part.uniforms
         for name, value in values.items():
@@ -102,6 +109,15 @@ def _numbers(slots: Sequence[Slot]) -> dict[str, int | str]:
     """By slot, which of the textures of its kind it is."""
     kinds = [slot.kind for slot in slots]
     return {f"TEXTURE{number}_NUMBER": kinds[:number].count(kind) for number, kind in enumerate(kinds)}
+
+
+def _main_uniforms(slots: Sequence[Slot], asked: Sequence[Minification], pool: TexturePool) -> dict[str, NDArray]:
+    """What the AOVs of the main texture need, that of slot 0; see shaders/texture_aovs.glsl."""
+    if not slots:
+        return {}
+    to_texels = np.eye(3) if slots[0].local_to_texels is None else slots[0].local_to_texels
+    filter_code = FILTERS.index(pool.filter(asked[0].filter if asked else None))
+    return {"mainTexels": np.pad(to_texels.T, ((0, 0), (0, 1))), "mainFilter": np.array([[float(filter_code)]])}
 
 
 def _set(uniform: Any, values: NDArray) -> None:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from fexel.errors import FexelWarning
 from fexel.filters import DEFAULT_FILTER, checked_filter
+from fexel.filters.chain import Chain
 from fexel.textures.atlas import Box, PageAtlas
 from fexel.textures.kept_texels import KeptTexels
 from fexel.textures.page_format import PAGE_FORMATS
@@ -78,9 +79,7 @@ class TexturePool:
         After `load`.
     """
 
-    def __init__(
-        self, gl: moderngl.Context, memory_mb: float, anisotropy: float, filter: str | None = None
-    ) -> None:
+    def __init__(self, gl: moderngl.Context, memory_mb: float, anisotropy: float, filter: str | None = None) -> None:
         self._budget = max(int(memory_mb * 2**20), 0)
         self._filter = None if filter is None else checked_filter(filter)
         self.anisotropy = max(1.0, float(anisotropy))
@@ -220,10 +219,12 @@ class TexturePool:
         return places
 
     def stats(self) -> dict[str, int]:
-        """Images and levels with texels resident; bytes; levels dropped."""
+        """Images and levels with texels resident, chains of prefiltered images among them; bytes; levels dropped."""
         residents = [cast("tuple[Hashable, int]", key) for atlas in self.atlases for key in atlas.residents]
+        sources = {source for source, _ in residents}
         return {
-            "images_resident": len({source for source, _ in residents}),
+            "images_resident": len(sources),
+            "chains_resident": sum(isinstance(source, Chain) for source in sources),
             "levels_resident": len(residents),
             "texture_bytes": sum(atlas.nbytes for atlas in self.atlases),
             "record_bytes": self.records.nbytes,

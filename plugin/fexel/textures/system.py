@@ -7,10 +7,12 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from fexel.filters import FILTERS
 from fexel.renderer.visible import VisibleSurface
 from fexel.scene.model import Texture
 from fexel.textures import gpu_half
@@ -60,6 +62,7 @@ class TextureSystem:
         self._slots: dict[int, tuple[TextureRequest, Slot]] = {}
         self._seen_layers: set[tuple[str, str]] = set()
         self._all_layers: dict[str, int] = {}
+        self._filters: dict[str, str] = {}
 
     def begin_view(self, requests: Iterable[TextureRequest]) -> None:
         """Load what a view sees of its textures; forgets the bindings of the view before."""
@@ -72,19 +75,23 @@ class TextureSystem:
             self._slots[id(request)] = request, plan.write(self.pool)
             path = request.texture.path
             self._all_layers[path] = plan.layers_total
+            self._filters[path] = self.pool.filter(request.texture.minification.filter)
             self._seen_layers.update((path, layer) for layer in plan.layers_seen)
         self.pool.records.upload()
 
     def binding(self, requests: Sequence[TextureRequest]) -> TextureBinding:
         """The slots of a material, in the order given; all must have been in `begin_view`."""
-        return TextureBinding([self._slots[id(request)][1] for request in requests], self.pool, self._room)
+        slots = [self._slots[id(request)][1] for request in requests]
+        asked = [request.texture.minification for request in requests]
+        return TextureBinding(slots, self.pool, self._room, asked)
 
-    def stats(self) -> dict[str, int]:
-        """For ``--stats``: layers of all textures met, seen and with texels resident; levels and bytes; levels
-        dropped.
+    def stats(self) -> dict[str, Any]:
+        """For ``--stats``: layers of all textures met, seen and with texels resident; levels, chains and bytes; levels
+        dropped; ``filters``: by token, textures whose own filter it is.
         """
         layers = {"patches_total": sum(self._all_layers.values()), "patches_seen": len(self._seen_layers)}
-        return layers | self.pool.stats()
+        filters = Counter(self._filters.values())
+        return layers | self.pool.stats() | {"filters": {name: filters[name] for name in FILTERS if filters[name]}}
 
     def release(self) -> None:
         """Free all GL objects."""

@@ -78,13 +78,25 @@ def _render(
         _option(
             "--aov",
             metavar="AOV[,...]",
-            help="color, alpha, depth, cameraDepth, normal, Neye, position, st, lod, patch, primId [color].",
+            help="color, alpha, depth, cameraDepth, normal, Neye, position, st, lod, patch, footprint, fetches, "
+            "filter, decision, primId [color].",
         ),
     ] = None,
     samples: Annotated[int, _option("--samples", help="Samples per pixel [4].")] = 4,
     texture_memory: Annotated[
         float, _option("--textureMemory", metavar="MB", help="Budget for textures, of 2^20 bytes [512].")
     ] = 512.0,
+    texture_filter: Annotated[
+        str | None,
+        _option(
+            "--filter",
+            metavar="FILTER",
+            help="Of all textures: mipmap, anisotropic, ripmap, fipmap, ewa or auto [what each prim asks for].",
+        ),
+    ] = None,
+    anisotropy: Annotated[
+        int, _option("--anisotropy", metavar="PROBES", help="Most probes of a lookup, 1 to 16 [8].")
+    ] = 8,
     stats: Annotated[
         Path | None, _option("--stats", help="JSON file: what was loaded, bytes, programs, seconds per phase.")
     ] = None,
@@ -123,6 +135,8 @@ def _render(
         dome_visible=dome_visible,
         render_settings=render_settings,
         texture_memory_mb=texture_memory,
+        anisotropy=anisotropy,
+        filter=texture_filter,
     )
     with _progress() as progress:
         done = record(opened, image, options, progress)
