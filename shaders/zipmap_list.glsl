@@ -19,34 +19,6 @@
 uniform vec4 zipmapNumbers[ZIPMAP_SLOTS * ZIPMAP_LAYERS];   // index of the layer, finest level
 uniform vec4 zipmapRoot[ZIPMAP_SLOTS];                      // from local st to texels of the root: d(x) by s, t, d(y)
 
-#ifndef ZIPMAP_CODES1
-#define ZIPMAP_CODES1 0
-#endif
-#ifndef ZIPMAP_CODES2
-#define ZIPMAP_CODES2 0
-#endif
-#ifndef ZIPMAP_CODES3
-#define ZIPMAP_CODES3 0
-#endif
-#ifndef ZIPMAP_CODES4
-#define ZIPMAP_CODES4 0
-#endif
-#ifndef ZIPMAP_CODES5
-#define ZIPMAP_CODES5 0
-#endif
-#ifndef ZIPMAP_CODES6
-#define ZIPMAP_CODES6 0
-#endif
-#ifndef ZIPMAP_CODES7
-#define ZIPMAP_CODES7 0
-#endif
-
-int zipmap_codes(int slot)
-{
-    return slot == 0 ? ZIPMAP_CODES0 : slot == 1 ? ZIPMAP_CODES1 : slot == 2 ? ZIPMAP_CODES2 : slot == 3 ? ZIPMAP_CODES3
-         : slot == 4 ? ZIPMAP_CODES4 : slot == 5 ? ZIPMAP_CODES5 : slot == 6 ? ZIPMAP_CODES6 : ZIPMAP_CODES7;
-}
-
 struct ZipmapBlend {
     vec4 color;
     float clear;

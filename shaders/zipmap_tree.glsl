@@ -2,14 +2,15 @@
 // Included by zipmap.glsl. Provides zipmap_tree_sample.
 //
 // Defines: ZIPMAP_LEVELS 1 where every image is seen at one mip level only, else 2; ZIPMAP_PROBES 1 for anisotropic
-// filtering.
+// filtering, ZIPMAP_MIXED 1 where not all layers may take as many probes; ZIPMAP_PLAIN 1 where any are looked up here.
 //
 // The record texture holds, written by fexel/textures/records.py:
 //   node    leaf: (first record, number of records, 0, 0); inner: (first child, -children per axis, 0, 0)
 //   record  3 texels: rows of the matrix from (s, t, 1) to texels of level 0 (x right, y down, w) with width, height and
 //           codes = finest level + 16 coarsest level + 256 page class + opacity / 2 in their last components; then
-//           (index of the layer, kind, record, 0): kind and own record of a texture of another kind, kind 0 for an image, and
-//           then per level: scale.xy, offset.xy from texels of level 0 to page coordinates.
+//           (index of the layer, kind, record, most probes): kind and own record of a texture of another kind, kind 0 for
+//           an image that is looked up here, -1 with the record of image.glsl for one that is looked up there; then per level:
+//           scale.xy, offset.xy from texels of level 0 to page coordinates.
 // Records of a leaf follow each other front to back; the last one is the root, opaque or not.
 //
 // llvmpipe runs 8 pixels in step, a branch skips nothing, and a loop ends when all are done. Hence do-while loops, which
@@ -25,7 +26,9 @@ uniform float zipmapMaxProbes;
 
 // Coverage left below which nothing further back can change an 8-bit result.
 const float ZIPMAP_OPAQUE = 1.0 / 2048.0;
-const float ZIPMAP_MAX_RECORDS = 65536.0;    // ends the loop whatever the data say
+// Pixels beyond its place that a lookup sees: of prefiltered images, whose borders fade outward; with probes.
+const float ZIPMAP_REACH = ZIPMAP_FILTERED == 1 ? 2.0 : 0.5;
+#define ZIPMAP_FILTERED_IMAGE -1
 
 // Leaf of the index that holds st: (first record, number of records).
 ivec2 zipmap_leaf(int slot, vec2 st)
@@ -52,7 +55,7 @@ ivec2 zipmap_leaf(int slot, vec2 st)
 // One bilinear fetch. texel: of level 0; size: of level 0; level: its record; pageClass 0 sRGB, 1 half.
 // Where a texel coordinate can lie outside of the image, it stops at the centre of the border texel, which is zero for
 // patches and where wrap is black.
-#if ZIPMAP_OUTSIDE || ZIPMAP_PROBES
+#if ZIPMAP_OUTSIDE || ZIPMAP_PROBES || ZIPMAP_FILTERED
 #define ZIPMAP_STOP(page, begin, end, halfTexel) clamp(page, (begin) - (halfTexel), (end) + (halfTexel))
 #else
 #define ZIPMAP_STOP(page, begin, end, halfTexel) (page)
@@ -128,13 +131,13 @@ vec4 zipmap_tree_sample(int slot, vec2 st, vec2 dstdx, vec2 dstdy, out float lod
             codes = int(rowW.w);
             following = next + 5 + ((codes >> 4) & 15) - (codes & 15);
             vec2 reach = vec2(0.0);
-#if ZIPMAP_LEVELS > 1 || ZIPMAP_PROBES
+#if ZIPMAP_LEVELS > 1 || ZIPMAP_PROBES || ZIPMAP_FILTERED
             // Exact Jacobian of the projective map: d(xy / w) = (d(xy) - xy / w d(w)) / w.
             dx = (vec2(dot(rowX.xy, dstdx), dot(rowY.xy, dstdx)) - texel * dot(rowW.xy, dstdx)) / mapped.z;
             dy = (vec2(dot(rowX.xy, dstdy), dot(rowY.xy, dstdy)) - texel * dot(rowW.xy, dstdy)) / mapped.z;
 #endif
-#if ZIPMAP_PROBES
-            reach = 0.5 * (abs(dx) + abs(dy));  // probes reach in from outside
+#if ZIPMAP_PROBES || ZIPMAP_FILTERED
+            reach = ZIPMAP_REACH * (abs(dx) + abs(dy));
 #endif
             bvec2 low = greaterThanEqual(texel, -reach);
             bvec2 high = lessThanEqual(texel, vec2(rowX.w, rowY.w) + reach);
@@ -158,14 +161,28 @@ vec4 zipmap_tree_sample(int slot, vec2 st, vec2 dstdx, vec2 dstdy, out float lod
         int coarsest = (codes >> 4) & 15;
         int pageClass = codes >> 8;
         float opacity = 2.0 * (rowW.w - float(codes));
-#if ZIPMAP_LEVELS == 1 && !ZIPMAP_PROBES
+#if LOOKUP_COUNTS
+        float running = clear > ZIPMAP_OPAQUE && left >= 0 ? 1.0 : 0.0;  // a pixel that has left the loop counts nothing
+#endif
+#if ZIPMAP_FILTERED || ZIPMAP_MIXED || defined(ZIPMAP_OTHER_KINDS)
+        vec4 names = record_fetch(record + 3);
+#endif
+#if !ZIPMAP_PLAIN
+        vec4 sampled = vec4(0.0);
+        float level = 0.0;
+#elif ZIPMAP_LEVELS == 1 && !ZIPMAP_PROBES
         vec4 sampled = zipmap_texel(place, size, record_fetch(record + 4), pageClass);
         float level = 0.0;
 #else
 #if ZIPMAP_PROBES
         Footprint footprint = make_footprint(dx, dy);
-        float probes = footprint_probes(footprint, zipmapMaxProbes);
-        float level = footprint_level(footprint, zipmapMaxProbes);
+#if ZIPMAP_MIXED
+        float most = names.w;
+#else
+        float most = zipmapMaxProbes;
+#endif
+        float probes = footprint_probes(footprint, most);
+        float level = footprint_level(footprint, most);
 #else
         float level = isotropic_level(dx, dy);
 #endif
@@ -194,8 +211,15 @@ vec4 zipmap_tree_sample(int slot, vec2 st, vec2 dstdx, vec2 dstdy, out float lod
         vec4 sampled = mix(zipmap_texel(place, size, fineLevel, pageClass), zipmap_texel(place, size, coarseLevel, pageClass), blend);
 #endif
 #endif
+#if ZIPMAP_FILTERED
+        if (int(names.y) == ZIPMAP_FILTERED_IMAGE) {
+            vec2 toUv = vec2(1.0, -1.0) / size;
+            sampled = image_filter(image_open(int(names.z)), vec2(0.0, 1.0) + texel * toUv, dx * toUv, dy * toUv,
+                                   zipmapImageProbes, level);
+        }
+#endif
 #ifdef ZIPMAP_OTHER_KINDS
-        sampled = zipmap_other_kind(record_fetch(record + 3), st, dstdx, dstdy, sampled, level);
+        sampled = zipmap_other_kind(names, st, dstdx, dstdy, sampled, level);
 #endif
         bool first = clear == 1.0 && sampled.a > 0.0;
         top = first ? record : top;

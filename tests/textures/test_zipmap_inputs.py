@@ -176,17 +176,6 @@ def test_root_kind_that_is_not_drawn_yet_is_said_and_its_fallback_shown(tmp_path
     assert len(caught) == 1
 
 
-def test_filter_that_is_not_drawn_yet_is_said_once(gl, animated):
-    stage, patch = animated
-    fexel.TextureMinificationAPI.Apply(patch).CreateFilterAttr("anisotropic")
-    root = stage.GetPrimAtPath("/Zipmap")
-    fexel.TextureMinificationAPI.Apply(root).CreateFilterAttr("ripmap")
-    with pytest.warns(FexelWarning) as caught:
-        middle(gl, stage, 1)
-    (message,) = (str(warning.message) for warning in caught)
-    assert message == "/Zipmap.minification:filter: 'ripmap' is not drawn yet; anisotropic is shown"
-
-
 def lit_stage(texture_stage, name, kind, output):
     """The zipmap on an input of a material, on a quad under a slanting light."""
     stage = texture_stage

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from fexel.textures.inputs import Inputs
+from fexel.filters.minification import NO_MINIFICATION, Minification, filter_of, minification_of
+from fexel.textures.inputs import Inputs, warn
 
 __all__ = [
     "BIAS_ZERO",
@@ -52,7 +53,7 @@ class ImageSource:
     fallback: tuple[float, ...] = NO_FALLBACK
 
 
-def image_source(inputs: Inputs, nested: bool) -> ImageSource:
+def image_source(inputs: Inputs, nested: bool, own: Minification = NO_MINIFICATION) -> ImageSource:
     """``inputs:file`` of a prim with all that says how it is stored.
 
     Parameters
@@ -60,16 +61,48 @@ def image_source(inputs: Inputs, nested: bool) -> ImageSource:
     inputs : Inputs
     nested : bool
         A patch: transparent outside of [0, 1]^2, and where it cannot be read, unless a fallback was authored.
+    own : Minification
+        Whose contrast and brightness are those of the image: of a patch.
     """
+    scale, bias = toned(inputs.vector("scale", SCALE_ONE), inputs.vector("bias", BIAS_ZERO), own)
     return ImageSource(
         file=inputs.asset("file"),
         mask=inputs.asset("mask"),
         color_space=inputs.color_space(),
         wrap=PATCH_WRAP if nested else wrap_of(inputs),
-        scale=inputs.vector("scale", SCALE_ONE),
-        bias=inputs.vector("bias", BIAS_ZERO),
+        scale=scale,
+        bias=bias,
         fallback=fallback_of(inputs, nested),
     )
+
+
+def own_minification(inputs: Inputs, nested: bool) -> Minification:
+    """What a prim says of its minification as far as its kind's data are to know it.
+
+    The token, which may be None, of any texture. Contrast and brightness of a patch alone: they commute with every
+    filter, so they are of its image; those of a root hold for what a material reads. Attenuation is not for patches.
+    """
+    if not nested:
+        return Minification(filter=filter_of(inputs))
+    own = minification_of(inputs)
+    if own.attenuates:
+        fault = "is ignored on a patch; attenuation is that of the texture which a material reads"
+        warn(inputs.prim, "minification:attenuationDistance", fault)
+    return own
+
+
+def toned(
+    scale: tuple[float, ...], bias: tuple[float, ...], own: Minification
+) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Scale and bias with contrast s and brightness o after them: s (scale c + bias) + o, alpha untouched."""
+    s, o = own.contrast, own.brightness
+    return (*(s * v for v in scale[:3]), scale[3]), (*(s * v + o for v in bias[:3]), bias[3])
+
+
+def decodes_vectors(scale: tuple[float, ...], bias: tuple[float, ...]) -> bool:
+    """Whether colours in [0, 1] become vectors in [-1, 1]; x and y may run backward, alpha may be anything."""
+    around_zero = all(bias[axis] == -0.5 * scale[axis] for axis in range(3))
+    return around_zero and abs(scale[0]) == abs(scale[1]) == scale[2] == 2.0
 
 
 def wrap_of(inputs: Inputs) -> tuple[str, str]:

@@ -79,7 +79,12 @@ class _Grid:
     layer: tuple[NDArray[np.int64], NDArray[np.int64]]
 
 
-def build_tree(pieces: LocalPieces, local_to_layer: NDArray[np.float64], layer_bounds: NDArray[np.float64]) -> Tree:
+def build_tree(
+    pieces: LocalPieces,
+    local_to_layer: NDArray[np.float64],
+    layer_bounds: NDArray[np.float64],
+    reach: float = 0.5,
+) -> Tree:
     """Index what `pieces` show.
 
     Parameters
@@ -90,6 +95,8 @@ def build_tree(pieces: LocalPieces, local_to_layer: NDArray[np.float64], layer_b
         From local st to each layer's own [0, 1]^2, row vectors; layer 0 is the root and is in every leaf.
     layer_bounds : (N, 4) float64
         s_min, t_min, s_max, t_max of each layer in local st.
+    reach : float
+        How far beyond a pixel's place a lookup sees, in pixels: layers touch cells within it.
     """
     origin, size = pieces.low.min(axis=0), pieces.high.max(axis=0) - pieces.low.min(axis=0)
     size = np.maximum(size, 1e-12 * max(1.0, float(np.abs(origin).max())))  # a line or point still makes a grid
@@ -107,16 +114,15 @@ def build_tree(pieces: LocalPieces, local_to_layer: NDArray[np.float64], layer_b
     piece_pairs = _boxes_in_grid(pieces.low, pieces.high, origin, cell_size, shape)
     layer_cells, layer_rows = _boxes_in_grid(layer_bounds[seen, :2], layer_bounds[seen, 2:], origin, cell_size, shape)
     grid = _Grid(low, low + cell_size, piece_pairs, (layer_cells, seen[layer_rows]))
-    return _refine(grid, pieces, local_to_layer, origin, cell_size, shape)
+    return _refine(grid, pieces, local_to_layer, reach, (origin, cell_size, shape))
 
 
 def _refine(
     grid: _Grid,
     pieces: LocalPieces,
     local_to_layer: NDArray[np.float64],
-    origin: NDArray[np.float64],
-    cell_size: NDArray[np.float64],
-    shape: tuple[int, int],
+    reach: float,
+    outermost: tuple[NDArray[np.float64], NDArray[np.float64], tuple[int, int]],
 ) -> Tree:
     lows, highs, jacobians, visibles, firsts = [], [], [], [], []
     pair_cells, pair_layers = [], []
@@ -124,7 +130,8 @@ def _refine(
     for depth in range(_MAX_DEPTH + 1):
         count = len(grid.low)
         visible, low, high, jacobian = _visible_part(grid, pieces)
-        cell, layer, covered = _touching(grid, visible, (low, high), jacobian[:, 2], local_to_layer)
+        grown = reach * np.abs(jacobian[:, 2]).sum(axis=2)
+        cell, layer, covered = _touching(grid, visible, (low - grown, high + grown), local_to_layer)
         length = np.bincount(cell, minlength=count)
         # Where every layer covers the whole cell, as deep in a nest, smaller cells would list the same ones.
         divided = np.bincount(cell[~covered], minlength=count) > 0
@@ -151,9 +158,7 @@ def _refine(
     order = np.lexsort((-layers, cells))
     join = np.concatenate
     return Tree(
-        origin,
-        cell_size,
-        shape,
+        *outermost,
         join(firsts),
         _CHILDREN,
         join(lows),
@@ -215,17 +220,13 @@ def _touching(
     grid: _Grid,
     visible: NDArray[np.bool_],
     box: tuple[NDArray[np.float64], NDArray[np.float64]],
-    largest: NDArray[np.float64],
     local_to_layer: NDArray[np.float64],
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.bool_]]:
-    """Pairs whose cell does not lie wholly beyond one side of the layer; anisotropic probes reach a footprint
-    further. And whether the layer covers the whole cell.
-    """
+    """Pairs whose box does not lie wholly beyond one side of the layer, and whether the layer covers all of it."""
     cell, layer = grid.layer
     keep = visible[cell]
     cell, layer = cell[keep], layer[keep]
-    reach = np.abs(largest).sum(axis=2) / 2
-    corners = _corners(box[0] - reach, box[1] + reach)[cell]
+    corners = _corners(*box)[cell]
     matrix = local_to_layer[layer]
     mapped = corners @ matrix[:, :2] + matrix[:, 2:]
     u, v, w = mapped[..., 0], mapped[..., 1], mapped[..., 2]

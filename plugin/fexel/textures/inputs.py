@@ -17,7 +17,7 @@ from pxr import Sdf, Usd, UsdShade
 from fexel import homography
 from fexel.errors import FexelWarning
 
-__all__ = ["IDENTITY", "Inputs", "warn", "warn_of_filter"]
+__all__ = ["IDENTITY", "Inputs", "warn"]
 
 IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
@@ -141,13 +141,6 @@ def _producer(attribute: Usd.Attribute) -> Usd.Attribute:
         sources = UsdShade.Utils.GetValueProducingAttributes(UsdShade.Input(attribute))
         return sources[0] if sources else attribute
     return attribute
-
-
-def warn_of_filter(inputs: Inputs) -> None:
-    """Judge the minification filter of a prim."""
-    from fexel.filters.minification import filter_of  # late: it needs this module
-
-    filter_of(inputs)
 
 
 def warn(prim: Usd.Prim, attribute: str, fault: str) -> None:

@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 
 from pxr import Usd
 
-from fexel.textures.image_source import ImageSource, image_source
-from fexel.textures.inputs import IDENTITY, Inputs, warn, warn_of_filter
+from fexel.textures.image_source import ImageSource, image_source, own_minification
+from fexel.textures.inputs import IDENTITY, Inputs, warn
 
 __all__ = ["PRIM_TYPES", "PinchmapData", "extract"]
 
@@ -36,6 +36,8 @@ class PinchmapData:
         Linear rgba, straight alpha in [0, 1].
     st_to_texture : 3 tuples of 3
         ``inputs:matrix``, for row vectors, from ``inputs:st`` to the texture's own coordinates; identity for a patch.
+    filter : str or None
+        Minification filter of the signal; None where none is authored.
     """
 
     signal: ImageSource
@@ -44,6 +46,7 @@ class PinchmapData:
     line_width: float = 0.0
     line_color: tuple[float, ...] = (0.0, 0.0, 0.0, 1.0)
     st_to_texture: tuple[tuple[float, ...], ...] = IDENTITY
+    filter: str | None = None
 
 
 def extract(prim: Usd.Prim, time: Usd.TimeCode, nested: bool = False) -> PinchmapData:
@@ -62,8 +65,8 @@ def extract(prim: Usd.Prim, time: Usd.TimeCode, nested: bool = False) -> Pinchma
         Per attribute: unknown token, value that is not finite or outside of the range it must be in.
     """
     inputs = Inputs(prim, time)
-    warn_of_filter(inputs)
-    signal = image_source(inputs, nested)
+    minification = own_minification(inputs, nested)
+    signal = image_source(inputs, nested, minification)
     return PinchmapData(
         signal=replace(signal, wrap=("clamp", "clamp")) if nested else signal,
         pinchmap=inputs.asset("pinchmap"),
@@ -71,6 +74,7 @@ def extract(prim: Usd.Prim, time: Usd.TimeCode, nested: bool = False) -> Pinchma
         line_width=inputs.number("lineWidth", 0.0, 0.0),
         line_color=_line_color(inputs),
         st_to_texture=IDENTITY if nested else inputs.placement(),
+        filter=minification.filter,
     )
 
 

@@ -46,8 +46,8 @@ def write_records(
         Finest and coarsest mip level of each.
     layers : dict
         Per layer: ``matrix`` (N, 3, 3) of `texel_matrices`, ``size`` (N, 2), ``opacity`` (N,), ``page_class`` (N,),
-        ``image`` (N,), ``number`` (N,), ``kind`` and ``record`` (N,). A texture of another kind has ``image`` -1, an
-        image has ``kind`` and ``record`` 0.
+        ``image`` (N,), ``number`` (N,), ``kind`` and ``record`` (N,), ``most`` probes (N,). An image that is looked
+        up in its mip levels has ``kind`` and ``record`` 0, all else has ``image`` -1.
     places : (S, L, 4) float64
         Per image and level: scale and offset from texels of level 0 to page coordinates.
 
@@ -67,7 +67,7 @@ def write_records(
     for row in range(3):
         records[start + row, :3] = layers["matrix"][layer, row]
         records[start + row, 3] = ends[:, row]
-    records[start + 3, :3] = np.column_stack([layers[name][layer] for name in ("number", "kind", "record")])
+    records[start + 3] = np.column_stack([layers[name][layer] for name in ("number", "kind", "record", "most")])
     for step in range(int((coarsest - finest).max(initial=-1)) + 1):
         at = np.flatnonzero(finest + step <= coarsest)
         image = layers["image"][layer[at]]

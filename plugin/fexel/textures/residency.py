@@ -55,7 +55,8 @@ def view_pairs(
     local_to_layer: NDArray[np.float64],
     layer_bounds: NDArray[np.float64],
     sizes: NDArray[np.float64],
-    anisotropy: float,
+    anisotropy: float | NDArray[np.float64],
+    reach: float = 0.5,
 ) -> PairView:
     """Mip levels and windows of all pairs.
 
@@ -67,17 +68,19 @@ def view_pairs(
         Local st.
     sizes : (N, 2) float64
         Width and height of each layer's image in texels.
-    anisotropy : float
-        Most probes per lookup.
+    anisotropy : float or (N,) float64
+        Most probes per lookup, of all layers or of each.
+    reach : float
+        How far beyond a pixel's place a lookup sees, in pixels.
     """
     leaves = np.flatnonzero((tree.first_child < 0) & tree.visible)
     cell = np.concatenate([tree.pair_cell, leaves])
     layer = np.concatenate([tree.pair_layer, np.zeros(len(leaves), np.int64)])
     order = np.lexsort((-layer, cell))
     cell, layer = cell[order], layer[order]
-    reach = np.abs(tree.jacobian[:, 2]).sum(axis=2)[cell] / 2
-    low = np.maximum(tree.low[cell] - reach, layer_bounds[layer, :2])
-    high = np.minimum(tree.high[cell] + reach, layer_bounds[layer, 2:])
+    grown = reach * np.abs(tree.jacobian[:, 2]).sum(axis=2)[cell]
+    low = np.maximum(tree.low[cell] - grown, layer_bounds[layer, :2])
+    high = np.minimum(tree.high[cell] + grown, layer_bounds[layer, 2:])
     low, high = np.minimum(low, high), np.maximum(low, high)
     points = _sample_points(low, high)
     matrix = local_to_layer[layer]
@@ -88,7 +91,8 @@ def view_pairs(
     uv = mapped[..., :2] / safe_w[..., None]
     jacobian = np.swapaxes(matrix[:, None, :2, :2], -1, -2) - uv[..., :, None] * matrix[:, None, None, :2, 2]
     jacobian = jacobian * (sizes[layer][:, None, :] / safe_w[..., None])[..., None]
-    lods, probes = _lod(jacobian[:, :, None] @ tree.jacobian[cell][:, None], anisotropy)
+    most = np.broadcast_to(anisotropy, len(local_to_layer))[layer, None, None]
+    lods, probes = _lod(jacobian[:, :, None] @ tree.jacobian[cell][:, None], most)
     lod_low = np.where(front, lods.min(axis=2), np.inf).min(axis=1) - _LOD_MARGIN
     lod_high = np.where(front, lods.max(axis=2), np.inf).max(axis=1) + _LOD_MARGIN
     whole = ~front.all(axis=1)[:, None]
@@ -111,7 +115,9 @@ def _sample_points(low: NDArray[np.float64], high: NDArray[np.float64]) -> NDArr
     return np.concatenate([low[:, None], high[:, None], other, (low + high)[:, None] / 2], axis=1)
 
 
-def _lod(jacobian: NDArray[np.float64], anisotropy: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _lod(
+    jacobian: NDArray[np.float64], anisotropy: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Mip level and probes of footprints, texels of level 0 per pixel, as shaders/common_footprint.glsl has them."""
     dx, dy = jacobian[..., 0], jacobian[..., 1]
     a, b, c = (dx * dx).sum(-1), (dy * dy).sum(-1), (dx * dy).sum(-1)

@@ -19,8 +19,18 @@ import numpy as np
 from pxr import Usd
 
 from fexel.schema.umbrella import UmbrellaTexture
-from fexel.textures.image_source import BIAS_ZERO, PATCH_WRAP, SCALE_ONE, ImageSource, fallback_of, wrap_of
-from fexel.textures.inputs import IDENTITY, Inputs, warn, warn_of_filter
+from fexel.textures.image_source import (
+    BIAS_ZERO,
+    PATCH_WRAP,
+    SCALE_ONE,
+    ImageSource,
+    decodes_vectors,
+    fallback_of,
+    own_minification,
+    toned,
+    wrap_of,
+)
+from fexel.textures.inputs import IDENTITY, Inputs, warn
 from fexel.textures.umbrella_arrangement import Arrangement
 from fexel.textures.umbrella_arrays import read_arrangement
 from fexel.textures.umbrella_merged import read_level
@@ -98,6 +108,8 @@ class UmbrellaData:
     turns_vectors : bool
         Texels are vectors, encoded (v + 1) / 2, or (1 - v) / 2 where a scale is negative: x and y turn with the
         umbrella.
+    filter : str or None
+        Minification filter of all images; None where none is authored.
     """
 
     background: ImageSource
@@ -109,11 +121,12 @@ class UmbrellaData:
     scale: tuple[float, ...] = SCALE_ONE
     bias: tuple[float, ...] = BIAS_ZERO
     turns_vectors: bool = False
+    filter: str | None = None
 
     @cached_property
     def _hash(self) -> int:
         parts = (self.background, self.arrangement, self.levels, self.paths, self.wrap, self.st_to_texture)
-        return hash((*parts, self.scale, self.bias, self.turns_vectors))
+        return hash((*parts, self.scale, self.bias, self.turns_vectors, self.filter))
 
     def __hash__(self) -> int:
         return self._hash
@@ -141,12 +154,14 @@ def extract(prim: Usd.Prim, time: Usd.TimeCode, nested: bool = False) -> Umbrell
         level made from another arrangement, unknown token, value that is not finite.
     """
     inputs = Inputs(prim, time)
-    warn_of_filter(inputs)
+    minification = own_minification(inputs, nested)
     texture = UmbrellaTexture(prim)
     space = inputs.color_space()
     patches = tuple(read_patch(patch.GetPrim(), time, space) for patch in texture.GetPatches())
     arrangement = read_arrangement(prim, time, patches, _look(inputs))
     scale, bias = inputs.vector("scale", SCALE_ONE), inputs.vector("bias", BIAS_ZERO)
+    are_vectors = decodes_vectors(scale, bias)
+    scale, bias = toned(scale, bias, minification)
     images = [patch.shape.image for patch in patches if patch.shape.image is not None]
     data = UmbrellaData(
         background=_background(inputs, nested, scale, bias),
@@ -156,15 +171,10 @@ def extract(prim: Usd.Prim, time: Usd.TimeCode, nested: bool = False) -> Umbrell
         st_to_texture=IDENTITY if nested else inputs.placement(),
         scale=scale,
         bias=bias,
-        turns_vectors=_decodes_vectors(scale, bias) and all(image.color_space == "raw" for image in images),
+        turns_vectors=are_vectors and all(image.color_space == "raw" for image in images),
+        filter=minification.filter,
     )
     return replace(data, levels=_levels(texture, time, patches, data))
-
-
-def _decodes_vectors(scale: tuple[float, ...], bias: tuple[float, ...]) -> bool:
-    """Whether colours in [0, 1] become vectors in [-1, 1]; x and y may run backward, alpha may be anything."""
-    around_zero = all(bias[axis] == -0.5 * scale[axis] for axis in range(3))
-    return around_zero and abs(scale[0]) == abs(scale[1]) == scale[2] == 2.0
 
 
 def level_digest(data: UmbrellaData) -> str:

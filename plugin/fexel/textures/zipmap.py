@@ -26,8 +26,8 @@ from pxr import Usd
 from fexel import homography
 from fexel.errors import FexelWarning
 from fexel.textures import extract_texture, texture_kind
-from fexel.textures.image_source import BIAS_ZERO, SCALE_ONE, ImageSource, image_source
-from fexel.textures.inputs import Inputs, warn, warn_of_filter
+from fexel.textures.image_source import BIAS_ZERO, SCALE_ONE, ImageSource, image_source, own_minification
+from fexel.textures.inputs import Inputs, warn
 
 __all__ = ["PRIM_TYPES", "ImageSource", "Nested", "ZipmapData", "extract"]
 
@@ -75,6 +75,9 @@ class ZipmapData:
         Of the blended result.
     nested : tuple of Nested
         Layers that are textures of other kinds.
+    filters : tuple of str or None
+        Minification filter of each layer: its own, else that of the texture it is nested in; empty where none is
+        authored. Textures of other kinds have theirs in their own data.
     """
 
     paths: tuple[str, ...]
@@ -85,10 +88,11 @@ class ZipmapData:
     scale: tuple[float, ...] = SCALE_ONE
     bias: tuple[float, ...] = BIAS_ZERO
     nested: tuple[Nested, ...] = ()
+    filters: tuple[str | None, ...] = ()
 
     @cached_property
     def _digest(self) -> bytes:
-        digest = hashlib.blake2b(repr((self.paths, self.sources, self.scale, self.bias)).encode())
+        digest = hashlib.blake2b(repr((self.paths, self.sources, self.scale, self.bias, self.filters)).encode())
         for array in (self.source_index, self.root_to_patch, self.opacity):
             digest.update(np.ascontiguousarray(array).tobytes())
         return digest.digest()
@@ -116,6 +120,7 @@ class _Layer:
     opacity: float
     source: ImageSource
     other: tuple[str, Any] | None
+    filter: str | None
 
 
 def extract(prim: Usd.Prim, time: Usd.TimeCode, nested: bool = False) -> ZipmapData:
@@ -154,6 +159,7 @@ def extract(prim: Usd.Prim, time: Usd.TimeCode, nested: bool = False) -> ZipmapD
         scale=shared[0] if shared else SCALE_ONE,
         bias=shared[1] if shared else BIAS_ZERO,
         nested=nests,
+        filters=tuple(layer.filter for layer in layers) if any(layer.filter for layer in layers) else (),
     )
 
 
@@ -188,35 +194,39 @@ def _unscaled(source: ImageSource) -> tuple[float, ...]:
 def _layers(root: Usd.Prim, time: Usd.TimeCode, nested: bool) -> Iterator[_Layer]:
     """Depth first, parents first; a stack of its own, so that no nesting depth exhausts Python's."""
     types = _TextureTypes()
-    stack = [(root, -1, 0)]
+    stack: list[tuple[Usd.Prim, int, int, str | None]] = [(root, -1, 0, None)]
     number = 0
     while stack:
-        prim, parent, depth = stack.pop()
+        prim, parent, depth, enclosing = stack.pop()
         inputs = Inputs(prim, time)
-        other = _other(prim, time, types) if depth else None
-        opacity = inputs.opacity() if depth else 1.0
-        yield _Layer(prim, parent, depth, inputs.matrix(), opacity, _source(inputs, other, nested or depth > 0), other)
+        matrix, opacity = inputs.matrix(), inputs.opacity() if depth else 1.0
+        other = _other(prim, time, types, enclosing) if depth else None
+        if other is None:
+            own = own_minification(inputs, nested or depth > 0)
+            chosen = own.filter or enclosing
+            source = image_source(inputs, nested or depth > 0, own)
+        else:  # which has read and judged its inputs itself
+            chosen, source = enclosing, ImageSource(inputs.asset("file"))
+        yield _Layer(prim, parent, depth, matrix, opacity, source, other, chosen)
         if prim.GetTypeName() == _HOLDS_PATCHES:
             children = prim.GetFilteredChildren(Usd.TraverseInstanceProxies(Usd.PrimDefaultPredicate))
-            stack.extend((child, number, depth + 1) for child in reversed(list(children)) if types.is_texture(child))
+            patches = [child for child in children if types.is_texture(child)]
+            stack.extend((child, number, depth + 1, chosen) for child in reversed(patches))
         number += 1
 
 
-def _source(inputs: Inputs, other: tuple[str, Any] | None, nested: bool) -> ImageSource:
-    """Of a layer of another kind, which has read and judged its inputs itself, the file alone."""
-    if other is not None:
-        return ImageSource(inputs.asset("file"))
-    warn_of_filter(inputs)
-    return image_source(inputs, nested)
+def _other(prim: Usd.Prim, time: Usd.TimeCode, types: _TextureTypes, enclosing: str | None) -> tuple[str, Any] | None:
+    """Kind and data of a patch of another kind; a texture that no kind reads is shown as a plain image.
 
-
-def _other(prim: Usd.Prim, time: Usd.TimeCode, types: _TextureTypes) -> tuple[str, Any] | None:
-    """Kind and data of a patch of another kind; a texture that no kind reads is shown as a plain image."""
+    Where it authors no filter and has one, that of the texture it is in is its own.
+    """
     kind = types.kind(prim)
     if kind == _KIND:
         return None
     if kind is not None:
-        return extract_texture(prim, time, nested=True)
+        name, data = extract_texture(prim, time, nested=True)
+        inherits = enclosing is not None and getattr(data, "filter", "") is None
+        return name, replace(data, filter=enclosing) if inherits else data
     fault = f"a {prim.GetTypeName()} in a ZipmapTexture is not drawn yet; inputs:file is shown as a plain image"
     warnings.warn(f"{prim.GetPath()}: {fault}", FexelWarning, stacklevel=2)
     return None

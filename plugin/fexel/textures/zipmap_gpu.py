@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from fexel import homography
 from fexel.textures import gpu_half, kind_number
+from fexel.textures.image_view import write_image_records
 from fexel.textures.index import LocalPieces, Tree, build_tree
 from fexel.textures.kind import Plan, Sight
 from fexel.textures.layer_list import layer_list
@@ -23,9 +24,20 @@ from fexel.textures.records import texel_matrices, write_nodes, write_records
 from fexel.textures.residency import PairView, pair_levels, view_pairs
 from fexel.textures.zipmap import ZipmapData
 from fexel.textures.zipmap_binding import ZipmapSlot, bind
+from fexel.textures.zipmap_filtered import (
+    FILTERED_IMAGE,
+    REACH,
+    FilteredRoot,
+    FilterView,
+    filtered_root,
+    filtered_view,
+    layer_filters,
+    most_probes,
+)
 
 __all__ = ["bind", "plan"]
 
+_PROBE_REACH = 0.5  # pixels beyond its place that a lookup sees with anisotropic probes
 _WRAP_CODES = {"patch": 0.0, "black": 0.0, "clamp": 1.0, "repeat": 2.0, "mirror": 3.0}
 
 
@@ -34,13 +46,22 @@ class _Layers:
     """Layers whose bounds touch what is seen, the root first; arrays of length N.
 
     `image` is the number in the pool, -1 for a texture of another kind or one that no cell lists; `size` is in texels,
-    1 x 1 for another kind, so that its texel coordinates are its st.
+    1 x 1 for another kind, so that its texel coordinates are its st. `most` is how many anisotropic probes its filter
+    may take; `filtered` holds what is wanted of layers whose filter is not one of mip levels.
     """
 
     number: NDArray[np.int64]
     local_to_layer: NDArray[np.float64]
     image: NDArray[np.int64]
     size: NDArray[np.int64]
+    most: NDArray[np.float64]
+    filtered: dict[int, FilterView]
+
+    @property
+    def has_levels(self) -> NDArray[np.bool_]:
+        """(N,) whether a layer is an image that is looked up in its mip levels."""
+        is_filtered = np.isin(np.arange(len(self.image)), list(self.filtered))
+        return (self.image >= 0) & ~is_filtered
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,23 +86,34 @@ class _ZipmapPlan:
 
     def write(self, pool: TexturePool) -> ZipmapSlot:
         slots = {layer: other.write(pool) for layer, (_, other) in self.others.items()}
+        start, length = write_image_records(list(self.layers.filtered.values()), pool)
+        places = {layer: start + length * order for order, layer in enumerate(self.layers.filtered)}
         facts = self._layer_facts(pool)
         for layer, slot in slots.items():
             facts["kind"][layer], facts["record"][layer] = kind_number(slot.kind), slot.record
+        for layer, place in places.items():
+            facts["kind"][layer], facts["record"][layer] = FILTERED_IMAGE, place
         levels = self._levels_within(pool.finest)
         base = pool.records.next
         records, start = write_records(self.pairs, levels, facts, pool.places)
         pool.records.append(records)
         first_node = pool.records.append(write_nodes(self.tree, self.pairs, start + base, base + len(records)))
-        listed = None if slots else layer_list(self.tree, self.pairs, levels, facts, pool.places)
-        probes = bool((self.pairs.probes > 1).any())
+        by_records = slots or places
+        listed = None if by_records else layer_list(self.tree, self.pairs, levels, facts, pool.places)
+        has_levels = self.layers.has_levels
+        shown = np.unique(self.pairs.layer)
+        of_levels = shown[has_levels[shown]]
+        most = self.layers.most[of_levels]
+        probes = bool((self.pairs.probes[has_levels[self.pairs.layer]] > 1).any())
         scale = 1.0 / self.tree.cell_size
-        shown = np.unique(self.layers.image[self.pairs.layer])
+        classes = {int(c) for c in pool.page_class[self.layers.image[of_levels]]}
+        filtered = tuple(self.layers.filtered.values())
         return ZipmapSlot(
             kind="zipmap",
-            page_classes=frozenset(int(c) for c in pool.page_class[shown[shown >= 0]]),
+            page_classes=frozenset(classes).union(*(view.page_classes(pool) for view in filtered)),
             record=first_node,
             nested=tuple(slots.values()),
+            local_to_texels=self.layers.local_to_layer[0] * [*self.layers.size[0], 1],
             grid=np.concatenate([scale, -self.tree.origin * scale]),
             shape=self.tree.shape,
             wrap=(_WRAP_CODES[self.wrap[0]], _WRAP_CODES[self.wrap[1]]),
@@ -89,29 +121,41 @@ class _ZipmapPlan:
             bias=self.data.bias,
             levels=2 if (levels[1] > levels[0]).any() else 1,
             probes=probes,
-            outside=self._root_is_seen_outside(probes),
+            most=frozenset(float(each) for each in most),
+            outside=self._root_is_seen_outside(probes or bool(filtered)),
             layers=listed,
+            filtered=filtered,
+            root=self._lone_root(places, pool),
+            plain=bool(len(of_levels)),
         )
+
+    def _lone_root(self, places: dict[int, int], pool: TexturePool) -> FilteredRoot | None:
+        """Constants of a root of which nothing covers anything, where its filter needs a record."""
+        if 0 not in places or self.others or (self.pairs.layer > 0).any():
+            return None
+        return filtered_root(self.layers.filtered[0], places[0], self.layers.local_to_layer[0], pool)
 
     def _layer_facts(self, pool: TexturePool) -> dict[str, NDArray]:
         layers = self.layers
-        is_image = layers.image >= 0
+        has_levels = layers.has_levels
         return {
             "matrix": texel_matrices(layers.local_to_layer, layers.size.astype(np.float64)),
             "size": layers.size,
             "opacity": self.data.opacity[layers.number],
-            "page_class": np.where(is_image, pool.page_class[layers.image], 0),
-            "image": layers.image,
+            "page_class": np.where(has_levels, pool.page_class[layers.image], 0),
+            "image": np.where(has_levels, layers.image, -1),
             "number": layers.number,
-            "kind": np.zeros(len(is_image), np.int64),
-            "record": np.zeros(len(is_image), np.int64),
+            "kind": np.zeros(len(has_levels), np.int64),
+            "record": np.zeros(len(has_levels), np.int64),
+            "most": np.where(has_levels, layers.most, 1.0),
         }
 
     def _levels_within(self, image_finest: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Levels of the pairs that are resident."""
-        image = self.layers.image[self.pairs.layer]
-        finest = np.maximum(self.levels[0], np.where(image >= 0, image_finest[image], 0))
-        return finest, np.maximum(self.levels[1], finest)
+        has_levels = self.layers.has_levels[self.pairs.layer]
+        finest = np.maximum(self.levels[0], image_finest[self.layers.image[self.pairs.layer]])
+        finest = np.where(has_levels, finest, 0)
+        return finest, np.where(has_levels, np.maximum(self.levels[1], finest), 0)
 
     def _root_is_seen_outside(self, probes: bool) -> bool:
         """Whether the root's wrap mode matters; anisotropic probes may reach across its edge from within."""
@@ -131,22 +175,34 @@ def plan(data: ZipmapData, sight: Sight, pool: TexturePool) -> _ZipmapPlan:
     local_to_layer = homography.normalize(sight.local_to_st @ data.root_to_patch[number])
     bounds = homography.unit_square_bounds(local_to_layer)
     bounds[0] = -np.inf, -np.inf, np.inf, np.inf
-    tree = build_tree(sight.pieces, local_to_layer, bounds)
+    filters = layer_filters(data, number, pool)
+    most = most_probes(filters, pool)
+    reach = _PROBE_REACH if np.isfinite(most).all() else REACH
+    tree = build_tree(sight.pieces, local_to_layer, bounds, reach)
     nested = {other.layer: other for other in data.nested}
-    layers = _Layers(number, local_to_layer, np.full(len(number), -1, np.int64), np.ones((len(number), 2), np.int64))
+    count = len(number)
+    layers = _Layers(
+        number, local_to_layer, np.full(count, -1, np.int64), np.ones((count, 2), np.int64), most, filtered={}
+    )
     is_other = np.isin(number, list(nested))
     for layer in np.unique(np.append(tree.pair_layer[~is_other[tree.pair_layer]], 0)):
         source = data.sources[data.source_index[number[layer]]]
         layers.image[layer] = pool.image(source, data.paths[number[layer]])
         layers.size[layer] = pool.facts(layers.image[layer]).size
-    pairs = view_pairs(tree, local_to_layer, bounds, layers.size.astype(np.float64), pool.anisotropy)
+        matrix, box = local_to_layer[layer], bounds[layer]
+        view = filtered_view(data, number[layer], filters[layer], sight.pieces, matrix, box, pool)
+        if view is not None:
+            layers.filtered[int(layer)] = view
+    pairs = view_pairs(tree, local_to_layer, bounds, layers.size.astype(np.float64), most, reach)
     pairs = pairs[_shows(pairs, layers.size, is_other)]
     levels = pair_levels(pairs, layers.size)
-    at = layers.image[pairs.layer] >= 0
-    image = layers.image[pairs.layer[at]]
-    pool.ask(image, (levels[0][at], levels[1][at]), (pairs.low[at], pairs.high[at]))
+    at = layers.has_levels[pairs.layer]
+    pool.ask(layers.image[pairs.layer[at]], (levels[0][at], levels[1][at]), (pairs.low[at], pairs.high[at]))
+    for layer in np.unique(pairs.layer):
+        if layer in layers.filtered:
+            layers.filtered[layer].ask(pool)
     others = {}
-    for layer in np.unique(pairs.layer[~at]):
+    for layer in np.unique(pairs.layer[is_other[pairs.layer]]):
         other = nested[number[layer]]
         part = _part(tree, pairs, layer, local_to_layer[layer], data.paths[number[layer]])
         others[int(layer)] = other.kind, gpu_half(other.kind).plan(other.data, part, pool)
