@@ -8,6 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pxr import Usd
+
+import fexel
+from fexel_tools.minify import MinifyOptions, minify
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 STAGES = sorted(p for p in (REPOSITORY / "stages").glob("*/*.usd*") if p.stem == p.parent.name)
@@ -119,7 +123,7 @@ def test_example_stage_shows_its_fallback_in_blender(blender_python, stage, tmp_
     images = base_color_images(report) | normal_map_images(report)
     bound = {name for names in report["meshes"].values() for name in names}
     assert images.keys() & bound, "no mesh has a material whose Base Color or Normal is an image"
-    assert any(Path(path).stem == "fallback" for path in images.values())
+    assert any(Path(path).stem == PLAIN.get(stage.stem, "fallback") for path in images.values())
     for path in images.values():
         assert Path(path).is_file()
         assert min(report["images"][path]) > 0, f"{path} was not loaded"
@@ -138,9 +142,14 @@ def test_example_stage_shows_its_fallback_in_blender(blender_python, stage, tmp_
 
 # Grounds that go on as far as the horizon: the mesh to look at.
 GROUNDS = dict.fromkeys(("umbrella_citrus", "umbrella_flowers", "umbrella_leaves", "umbrella_sweets"), "Surface")
+GROUNDS["fipmap_anamorphosis"] = "Painting"
+
+# Stages of plain textures: the image.
+PLAIN = {"fipmap_anamorphosis": "ambassadors", "fipmap_floor": "chart"}
 
 # Stages of a rectangle, seen from the front or above: fallback image, and rows of its 32 pixels.
 PICTURES = {
+    "fipmap_anamorphosis": ("textures/ambassadors.jpg", 32),
     "pinchmap_lines": ("textures/boat/fallback.png", 24),
     "pinchmap_in_zipmap": ("textures/fallback.jpg", 32),
     "umbrella_in_zipmap": ("textures/fallback.jpg", 32),
@@ -158,6 +167,27 @@ def check_picture(albedo: np.ndarray, stage: Path) -> None:
     shifted = np.abs(albedo[top : top + rows] - np.roll(picture, 1, axis=1))[1:-1, 1:-1]
     assert error.mean() < 0.03
     assert error.mean() < 0.7 * shifted.mean()
+
+
+def test_stage_exported_by_blender_takes_a_filter_and_imports_as_before(blender_python, tmp_path):
+    image = REPOSITORY / "stages" / "fipmap_floor" / "textures" / "chart.png"
+    exported, minified = tmp_path / "exported.usda", tmp_path / "minified.usda"
+    script = Path(__file__).with_name("blender_export.py")
+    command = [str(blender_python), str(script), str(image), str(exported)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=180, check=False)
+    assert done.returncode == 0, done.stderr
+    textures = minify(exported, minified, MinifyOptions(filter="fipmap", contrast=0.9)).textures
+    assert [(t.prim, t.filter, t.note) for t in textures] == [
+        ("/root/_materials/Paint/Image_Texture", "fipmap", ""),
+        ("/root/_materials/Tiles/Image_Texture", "fipmap", ""),
+    ]
+    assert [str(finding) for finding in fexel.validate(Usd.Stage.Open(str(minified)))] == []
+    (report, albedo), (before, expected) = (
+        import_into_blender(blender_python, s, tmp_path) for s in (minified, exported)
+    )
+    assert base_color_images(report) == base_color_images(before) == {"Paint": str(image), "Tiles": str(image)}
+    assert report["meshes"] == before["meshes"]
+    np.testing.assert_allclose(albedo, expected, atol=1e-3)
 
 
 def test_transparent_part_of_a_pinchmap_is_transparent_in_blender(blender_python, tmp_path):
