@@ -17,8 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fexel.filters.chain_layout import ChainLayout
-from fexel.filters.sheared import move_line, moved_lines
+from fexel.filters.sheared import blurred_lines, move_line, moved_lines
 from fexel.mipmaps import halve_axis, level_size
+from fexel.textures.page_texels import texel_items
 
 __all__ = ["build_chains"]
 
@@ -58,7 +59,8 @@ class _Builder:
         self._encode = encode
         along_y = layout.direction.long_axis == 1
         # Of every cell its lines first, whatever they are in the image.
-        self._cells = {cell: texels if along_y else texels.swapaxes(0, 1) for cell, texels in cells.items()}
+        items = {cell: texel_items(texels) for cell, texels in cells.items()}
+        self._cells = {cell: texels if along_y else texels.T for cell, texels in items.items()}
         self._ends: dict[tuple[_Cell, bool], _Lines] = {}
 
     def build(self, read: Callable[[int, int], _Lines]) -> None:
@@ -103,6 +105,8 @@ class _Builder:
         for n in range(low + 1, top + 1):
             start = needs[top - n][0]
             lines = halve_axis(lines, 0, sizes[n - 1 - low], start)
+            if n == self._layout.octaves:
+                lines = blurred_lines(lines, self._layout.moved_wrap)
             own = sizes[n - low] if end == sizes[-1] else end << (top - n)  # what lies beyond is the next block's too
             self._write(n, start, lines[: own - start])
         return first, lines
@@ -112,11 +116,14 @@ class _Builder:
         for m in range(self._layout.levels(n)):
             if m:
                 lines = halve_axis(lines, 1)
-            self._cells[n, m][1 + first : 1 + first + len(lines), 1:-1] = self._encode(lines)
+            self._cells[n, m][1 + first : 1 + first + len(lines), 1:-1] = self._encoded(lines)
             if first == 0:
                 self._ends[(n, m), False] = lines[:1].copy()
             if first + len(lines) == level_size(self._layout.lines, n):
                 self._ends[(n, m), True] = lines[-1:].copy()
+
+    def _encoded(self, lines: _Lines) -> NDArray:
+        return texel_items(np.ascontiguousarray(self._encode(lines)))
 
     def _close(self, cell: _Cell) -> None:
         """The border of a cell: what its wrap modes continue it with."""
@@ -126,7 +133,7 @@ class _Builder:
             along = layout.direction.shear * layout.lines * layout.line_size(cell)[1] / layout.texels
             for at, last, shift in ((0, True, -along), (-1, False, along)):
                 line = move_line(self._ends[cell, last][0], shift, layout.moved_wrap)
-                texels[at, 1:-1] = self._encode(line[None])[0]
+                texels[at, 1:-1] = self._encoded(line[None])[0]
         else:
             texels[0], texels[-1] = (texels[1], texels[-2]) if layout.long_wrap == "clamp" else (0, 0)
         if layout.moved_wrap == "repeat":

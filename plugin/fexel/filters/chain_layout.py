@@ -2,7 +2,8 @@
 
 A *line* is a row of texels across the long axis: it moves as one. Cell (n, m) of the ripmap has the lines halved n
 times and the texels of each line m times. Level l of the chain of d octaves is cell (d + l, l), so that chains share no
-cell; only where the lines, or the texels, are down to one do several levels read the same (McReynolds 1998; notes, F4).
+cell, and only those of n - m >= `octaves` are needed; where the lines, or the texels, are down to one, several levels
+read the same cell (McReynolds 1998; notes, F4, F7).
 """
 
 from __future__ import annotations
@@ -29,16 +30,22 @@ class ChainLayout:
         Width and height of the image.
     image_wrap : (str, str)
         Resolved wrap modes of the image: ``repeat``, ``mirror``, ``clamp``, ``black`` or ``patch``.
+    octaves : int
+        Fewest octaves of a chain.
     """
 
     direction: Direction
     size: tuple[int, int]
     image_wrap: tuple[str, str]
+    octaves: int
 
     @classmethod
-    def of(cls, direction: int, size: tuple[int, int], wrap: tuple[str, str]) -> ChainLayout:
-        """By number of the direction."""
-        return cls(DIRECTIONS[direction], size, wrap)
+    def of(
+        cls, direction: int, size: tuple[int, int], wrap: tuple[str, str], octaves: int | None = None
+    ) -> ChainLayout:
+        """By number of the direction; with chains of fewer octaves than such a direction has, if that is wanted."""
+        fewest = DIRECTIONS[direction].octaves
+        return cls(DIRECTIONS[direction], size, wrap, fewest if octaves is None else min(octaves, fewest))
 
     @property
     def mirrored(self) -> tuple[bool, bool]:
@@ -90,7 +97,7 @@ class ChainLayout:
     @property
     def last(self) -> tuple[int, int]:
         """The coarsest cell."""
-        return max(self.lines.bit_length() - 1, 1), self.texels.bit_length() - 1
+        return max(self.lines.bit_length() - 1, self.octaves), self.texels.bit_length() - 1
 
     def cell(self, octaves: int, level: int) -> tuple[int, int]:
         """(n, m) of a level of a chain."""
@@ -109,12 +116,12 @@ class ChainLayout:
     def levels(self, n: int) -> int:
         """How many cells there are of lines halved n times: m = 0, 1, ..."""
         last_n, last_m = self.last
-        return last_m + 1 if n == last_n else min(n, last_m + 1)
+        return last_m + 1 if n == last_n else min(max(n - self.octaves + 1, 0), last_m + 1)
 
     @cached_property
     def cells(self) -> tuple[tuple[int, int], ...]:
         """All cells."""
-        return tuple((n, m) for n in range(1, self.last[0] + 1) for m in range(self.levels(n)))
+        return tuple((n, m) for n in range(self.octaves, self.last[0] + 1) for m in range(self.levels(n)))
 
     @cached_property
     def places(self) -> dict[tuple[int, int], tuple[int, int, int]]:

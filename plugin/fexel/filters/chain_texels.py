@@ -17,13 +17,15 @@ from fexel.filters.unit_vectors import unit_vectors
 from fexel.textures.atlas import Box
 from fexel.textures.kept_texels import KeptTexels
 from fexel.textures.page_format import HALF
-from fexel.textures.page_texels import decode_page, encode_page
+from fexel.textures.page_texels import decode_page, encode_page, texel_items
 from fexel.textures.pyramid_cache import ImageFacts, PyramidCache
 
 if TYPE_CHECKING:
     from fexel.textures.pool import TexelReader
 
 __all__ = ["Cells", "ChainTexels", "cells"]
+
+_DTYPES = {4: np.uint8, 8: np.float16, 16: np.float32}  # by the bytes of a texel
 
 Cells = dict[tuple[int, int], NDArray]
 """By cell: (h + 2, w + 2, 4), rows and columns of the image with a border of one texel."""
@@ -46,23 +48,26 @@ class ChainTexels:
 
     def facts(self, chain: Chain, path: str) -> ImageFacts:
         """Of level 0 of a chain."""
-        base = self._reader(chain).facts(chain.image, path)
-        layout = ChainLayout.of(chain.direction, base.size, base.wrap)
+        base, layout = self._layout(chain, path)
         repeats = layout.wrap[0] == "repeat", layout.wrap[1] == "repeat"
         return replace(base, size=chain.size(*layout.extent, repeats), wrap=layout.wrap, has_levels=True)
 
     def window(self, chain: Chain, path: str, level: int, box: Box) -> NDArray:
         """Texels of a window with its border; see `ChainLayout` for what is in a level."""
-        facts = self._reader(chain).facts(chain.image, path)
-        layout = ChainLayout.of(chain.direction, facts.size, facts.wrap)
+        facts, layout = self._layout(chain, path)
         texels = self._made(chain, path, facts, layout)[layout.cell(chain.octaves, level)]
         return np.ascontiguousarray(texels[box[1] : box[3] + 2, box[0] : box[2] + 2])
 
     def _reader(self, chain: Chain) -> TexelReader:
         return chain.reader or self._base
 
+    def _layout(self, chain: Chain, path: str) -> tuple[ImageFacts, ChainLayout]:
+        """Facts of the image, and what chains there are."""
+        facts = self._reader(chain).facts(chain.image, path)
+        return facts, ChainLayout.of(chain.direction, facts.size, facts.wrap, chain.octaves)
+
     def _made(self, chain: Chain, path: str, facts: ImageFacts, layout: ChainLayout) -> Cells:
-        key: Hashable = (ChainTexels, chain.image, chain.direction, chain.vectors)
+        key: Hashable = (ChainTexels, chain.image, chain.direction, chain.vectors, layout.octaves)
         made = self._kept.get(key)
         if made is None:
             made = self._build(chain, path, facts, layout)
@@ -73,17 +78,17 @@ class ChainTexels:
         made = _empty(layout, np.float16 if facts.page_class == HALF else np.uint8)
         reader, lock = self._reader(chain), threading.Lock()
 
-        def read(box: Box) -> NDArray[np.float32]:
+        def read(box: Box) -> NDArray:
             with lock:
-                texels = reader.window(chain.image, path, 0, box)
-            return decode_page(texels[1:-1, 1:-1], facts.page_class)
+                return reader.window(chain.image, path, 0, box)[1:-1, 1:-1]
 
+        lines = _lines_of(read, layout)
         coded = _coded_vectors(chain, facts)
 
         def encode(texels: NDArray[np.float32]) -> NDArray:
             return encode_page(unit_vectors(texels, coded) if chain.vectors else texels, facts.page_class)
 
-        build_chains(layout, _lines_of(read, layout), encode, made)
+        build_chains(layout, lambda *span: decode_page(lines(*span), facts.page_class), encode, made)
         return made
 
 
@@ -128,27 +133,25 @@ def _empty(layout: ChainLayout, dtype: Any) -> Cells:
     }
 
 
-def _lines_of(
-    read: Callable[[Box], NDArray[np.float32]], layout: ChainLayout
-) -> Callable[[int, int], NDArray[np.float32]]:
+def _lines_of(read: Callable[[Box], NDArray], layout: ChainLayout) -> Callable[[int, int], NDArray]:
     """Lines of the image, and of its mirror image where it is mirrored."""
     long_axis = layout.direction.long_axis
     moved_mirrored = layout.mirrored[1 - long_axis]
     width, height = layout.size
     count = layout.size[long_axis]
 
-    def straight(first: int, end: int) -> NDArray[np.float32]:
-        if end <= first:
-            return np.empty((0, layout.size[1 - long_axis], 4), np.float32)
-        if long_axis == 0:
-            return np.ascontiguousarray(read((first, 0, end, height)).swapaxes(0, 1))
-        return read((0, first, width, end))
+    def straight(first: int, end: int) -> NDArray:
+        if long_axis == 1:
+            return read((0, first, width, end))
+        across = texel_items(np.ascontiguousarray(read((first, 0, end, height)))).T
+        texels = np.ascontiguousarray(across)[..., None]
+        return texels.view(_DTYPES[texels.itemsize])
 
-    def lines(first: int, end: int) -> NDArray[np.float32]:
-        texels = straight(first, min(end, count))
+    def lines(first: int, end: int) -> NDArray:
+        parts = [straight(first, min(end, count))] if first < count else []
         if end > count:
-            mirrored = straight(2 * count - end, 2 * count - max(first, count))[::-1]
-            texels = np.concatenate([texels, mirrored])
+            parts.append(straight(2 * count - end, 2 * count - max(first, count))[::-1])
+        texels = np.concatenate(parts) if len(parts) > 1 else parts[0]
         return np.concatenate([texels, texels[:, ::-1]], axis=1) if moved_mirrored else texels
 
     return lines

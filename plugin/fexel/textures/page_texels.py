@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from fexel import images
 from fexel.textures.page_format import HALF
 
-__all__ = ["bordered", "decode_page", "encode_page", "inner_box"]
+__all__ = ["bordered", "decode_page", "encode_page", "inner_box", "texel_items"]
 
 _Box = tuple[int, int, int, int]
 # sRGB encoding to 8 bits by table: 2^16 steps of linear light are finer than half an 8-bit step even at black.
@@ -21,8 +21,9 @@ def encode_page(texels: NDArray[np.float32], page_class: int) -> NDArray:
     """Linear, premultiplied rgba (H, W, 4) as pages of SRGB or HALF store it: uint8 or float16."""
     if page_class == HALF:
         return texels.astype(np.float16)
-    encoded = (texels.clip(0, 1) * 255 + 0.5).astype(np.uint8)
-    encoded[..., :3] = _ENCODE[(texels[..., :3].clip(0, 1) * 65535 + 0.5).astype(np.uint16)]
+    texels = texels.clip(0, 1)
+    encoded = np.take(_ENCODE, (texels * 65535 + 0.5).astype(np.uint16), mode="wrap")  # no index is out of its range
+    encoded[..., 3] = texels[..., 3] * 255 + 0.5
     return encoded
 
 
@@ -30,9 +31,15 @@ def decode_page(texels: NDArray, page_class: int) -> NDArray[np.float32]:
     """What a shader reads of stored texels: the inverse of `encode_page`."""
     if page_class == HALF:
         return texels.astype(np.float32)
-    values = _DECODE[texels]
+    values = np.take(_DECODE, texels, mode="wrap")
     values[..., 3] = texels[..., 3] / np.float32(255)
     return values
+
+
+def texel_items(texels: NDArray) -> NDArray:
+    """(..., 4) contiguous texels seen as (...) items of one word each, which are moved about several times as fast."""
+    word = {1: np.uint32, 2: np.uint64, 4: np.complex128}[texels.dtype.itemsize]
+    return texels.view(word)[..., 0]
 
 
 def inner_box(box: _Box, size: tuple[int, int]) -> _Box:

@@ -1,0 +1,96 @@
+"""Where shaders/filter_chains.glsl finds the cells of an image: by direction, octaves and level.
+
+The table is complete: whatever a pixel chooses, it names texels that are resident. A direction without any is replaced
+by the one whose footprints are most alike; a cell by one of its direction that is as near as there is, coarser rather
+than finer.
+
+Layout:
+    0         where the directions are, from the image's record on; codes = first level + 16 levels + 256 octaves; 0; 0
+    then per direction, by number: shear; where its cells are, from the image's record on; fewest octaves; 1 where the
+              long axis is x, else 0
+    then the cells of each direction that there is, levels within octaves from 0 on: page texels per texel of level 0 of
+              the image, along the long axis and along the moved one; page texels where it begins, along both
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fexel.filters.shears import DIRECTIONS
+
+__all__ = ["MOST_LEVELS", "Cells", "chain_table"]
+
+MOST_LEVELS = 15
+"""Levels that a table can have; the coarsest stands for those beyond."""
+
+_FINER = 8.0  # what a cell that is an octave finer than asked for costs, over one that is as much coarser
+
+
+@dataclass(frozen=True, eq=False)
+class Cells:
+    """Resident cells of a direction.
+
+    Attributes
+    ----------
+    octaves, level : (N,) int64
+        0 octaves: mip levels of the image itself.
+    place : (N, 4) float64
+        As in the table.
+    """
+
+    octaves: NDArray[np.int64]
+    level: NDArray[np.int64]
+    place: NDArray[np.float64]
+
+
+def chain_table(cells: Mapping[int, Cells], first: int) -> NDArray[np.float64]:
+    """The table of an image.
+
+    Parameters
+    ----------
+    cells : mapping of int to Cells
+        By number of a direction; none of them empty, and at least one.
+    first : int
+        Where the table is, from the image's record on.
+
+    Returns
+    -------
+    (N, 4) float64
+    """
+    octaves = np.arange(max(int(each.octaves.max()) for each in cells.values()) + 1)
+    lowest = min(int(each.level.min()) for each in cells.values())
+    highest = max(int(each.level.max()) for each in cells.values())
+    levels = np.arange(lowest, min(highest, lowest + MOST_LEVELS - 1) + 1)
+    row = len(octaves) * len(levels)
+    start = {direction: first + 1 + len(DIRECTIONS) + row * number for number, direction in enumerate(cells)}
+    directions = np.zeros((len(DIRECTIONS), 4))
+    for number in range(len(DIRECTIONS)):
+        used = number if number in cells else _most_alike(number, list(cells))
+        fewest = int(cells[used].octaves.min())
+        directions[number] = DIRECTIONS[used].shear, start[used], fewest, DIRECTIONS[used].long_axis == 0
+    head = [first + 1, lowest + 16 * len(levels) + 256 * (len(octaves) - 1), 0, 0]
+    return np.concatenate([[head], directions, *(_row(each, octaves, levels) for each in cells.values())])
+
+
+def _row(cells: Cells, octaves: NDArray[np.int64], levels: NDArray[np.int64]) -> NDArray[np.float64]:
+    """(octaves * levels, 4): of each the cell that is nearest."""
+    level = np.tile(levels, len(octaves))[:, None]
+    long_level = np.repeat(octaves, len(levels))[:, None] + level
+    off = np.stack([cells.level - level, cells.octaves + cells.level - long_level])
+    return cells.place[np.where(off > 0, off, -_FINER * off).sum(axis=0).argmin(axis=1)]
+
+
+def _most_alike(direction: int, among: list[int]) -> int:
+    """The direction whose footprints include the least angle with those of another."""
+    difference = np.array([_angle(each) - _angle(direction) for each in among])
+    return among[int(np.abs(np.sin(difference)).argmin())]
+
+
+def _angle(direction: int) -> float:
+    """Of the footprints that a direction brings onto its long axis, radians from x towards y."""
+    k, long_axis = DIRECTIONS[direction].shear, DIRECTIONS[direction].long_axis
+    return float(np.arctan2(-k, 1.0) if long_axis == 0 else np.arctan2(1.0, -k))

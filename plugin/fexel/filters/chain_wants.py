@@ -1,0 +1,156 @@
+"""Which cells of chains a view chooses, by piece of the view, and which windows of them it sees.
+
+Every pixel chooses for itself; here the choice is made for Jacobians of a few places of each piece, and for such as are
+a little larger, smaller or more slanted, so that what lies between is there as well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fexel.filters.shears import DIRECTIONS
+from fexel.textures.pyramid_cache import ImageFacts
+
+__all__ = ["Frame", "Wants", "cells_wanted"]
+
+_SCALES = np.exp2([-0.2, 0.0, 0.2])  # octaves, as levels of residency have them
+_SHEARS = np.array(
+    [[[1, 0], [0, 1]], *([[1, e], [0, 1]] for e in (-0.06, 0.06)), *([[1, 0], [e, 1]] for e in (-0.06, 0.06))]
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Wants:
+    """Cells by piece of a view; arrays of length N.
+
+    Attributes
+    ----------
+    piece, direction, octaves : (N,) int64
+        0 octaves: mip levels of the image itself, direction 0.
+    finest, coarsest : (N,) int64
+    """
+
+    piece: NDArray[np.int64]
+    direction: NDArray[np.int64]
+    octaves: NDArray[np.int64]
+    finest: NDArray[np.int64]
+    coarsest: NDArray[np.int64]
+
+
+def cells_wanted(jacobian: NDArray[np.float64], choose: Callable) -> Wants:
+    """Cells that pieces may show.
+
+    Parameters
+    ----------
+    jacobian : (K, P, 2, 2) float64
+        Texels of level 0 per pixel, y down, at P places of each of K pieces.
+    choose : callable
+        From Jacobians (M, 2, 2) to an object with ``direction``, ``octaves``, ``level``, (M,) int.
+    """
+    pieces = len(jacobian)
+    varied = (_SHEARS[:, None] * _SCALES[:, None, None]).reshape(-1, 2, 2)
+    every = np.concatenate([(each @ jacobian).reshape(-1, 2, 2) for each in varied])
+    piece = np.tile(np.repeat(np.arange(pieces), jacobian.shape[1]), len(varied))
+    choice = choose(every)
+    own = choice.octaves == 0
+    key = (piece * len(DIRECTIONS) + np.where(own, 0, choice.direction)) * 64 + choice.octaves
+    unique, back = np.unique(key, return_inverse=True)
+    finest, coarsest = np.full(len(unique), 64), np.zeros(len(unique), np.int64)
+    np.minimum.at(finest, back, choice.level)
+    np.maximum.at(coarsest, back, choice.level)
+    return Wants(unique // 64 // len(DIRECTIONS), unique // 64 % len(DIRECTIONS), unique % 64, finest, coarsest)
+
+
+@dataclass(frozen=True)
+class Frame:
+    """Coordinates of a direction's chains of an image, as shaders/filter_chains.glsl has them.
+
+    Attributes
+    ----------
+    direction : int
+    size : (int, int)
+        Of the image.
+    wrap : (str, str)
+        Of the image.
+    """
+
+    direction: int
+    size: tuple[int, int]
+    wrap: tuple[str, str]
+
+    @property
+    def long_axis(self) -> int:
+        """0: x, 1: y."""
+        return DIRECTIONS[self.direction].long_axis
+
+    def period(self, axis: int) -> int:
+        """Texels after which the image repeats along an axis; 0 where it does not."""
+        return {"repeat": 1, "mirror": 2}.get(self.wrap[axis], 0) * self.size[axis]
+
+    @property
+    def _padding(self) -> tuple[int, int]:
+        if self.period(1 - self.long_axis):
+            return 0, 0
+        return DIRECTIONS[self.direction].padding(self.period(self.long_axis) or self.size[self.long_axis])
+
+    def extent(self, folded: bool) -> NDArray[np.float64]:
+        """(2,) width and height of what is moved, in texels of the image: of twice the image along a mirrored axis,
+        unless it is `folded`, that is: the chain keeps one of both halves.
+        """
+        extent = np.array([size if folded else self.period(axis) or size for axis, size in enumerate(self.size)], float)
+        extent[1 - self.long_axis] += self._padding[1]
+        return extent
+
+    def window(
+        self, low: NDArray[np.float64], high: NDArray[np.float64], folded: bool
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Bounds of boxes once they are moved.
+
+        Parameters
+        ----------
+        low, high : (N, 2) float64
+            Of the boxes: texels of the image, y down, not wrapped.
+        folded : bool
+
+        Returns
+        -------
+        low, high : (N, 2), (N, 2)
+            In [0, 1]^2 of the chain, t up; beyond it where a box lies across a seam.
+        """
+        extent, long = self.extent(folded), self.long_axis
+        moved = 1 - long
+        bounds: list[tuple[NDArray[np.float64], NDArray[np.float64]]] = [(low[:, 0], high[:, 0])] * 2
+        along = self._within(low[:, long], high[:, long], long, folded)
+        # Where the box crosses a seam of the long axis, what is moved may be anywhere.
+        across = (along[0] < 0) | (along[1] > extent[long])
+        shear = DIRECTIONS[self.direction].shear
+        shifts = np.stack([shear * (along[0] - 0.5), shear * (along[1] - 0.5)])
+        begin = low[:, moved] + shifts.min(axis=0) + self._padding[0]
+        end = high[:, moved] + shifts.max(axis=0) + self._padding[0]
+        sideways = self._within(begin, end, moved, folded)
+        if shear:
+            sideways = np.where(across, -1.0, sideways[0]), np.where(across, extent[moved] + 1.0, sideways[1])
+        bounds[long], bounds[moved] = along, sideways
+        (x0, x1), (y0, y1) = bounds
+        return (
+            np.stack([x0 / extent[0], 1 - y1 / extent[1]], axis=1),
+            np.stack([x1 / extent[0], 1 - y0 / extent[1]], axis=1),
+        )
+
+    def _within(
+        self, low: NDArray[np.float64], high: NDArray[np.float64], axis: int, folded: bool
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Without whole periods; what still reaches beyond is all of it."""
+        period = self.period(axis)
+        if not period:
+            return low, high
+        whole = period * np.floor(low / period)
+        low, high = low - whole, high - whole
+        if folded and period > self.size[axis]:
+            back = low >= self.size[axis]
+            low, high = np.where(back, period - high, low), np.where(back, period - low, high)
+        return low, high
