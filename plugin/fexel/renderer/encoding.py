@@ -19,7 +19,7 @@ __all__ = ["COLOR_CORRECTION_MODES", "ColorCorrection", "data_range", "visible_d
 COLOR_CORRECTION_MODES = ("disabled", "sRGB", "openColorIO")
 _LARGEST_LOD = 15.0  # of an image of 32768 texels
 _LARGEST_FETCHES = 8.0  # log2; most filters take fewer
-_LARGEST_ANISOTROPY = 6.0  # log2 of the ratio of axes at about 1 degree
+_LARGEST_ANISOTROPY = 5.0  # log2 of the ratio of axes at about 2 degrees
 
 
 class ColorCorrection:
@@ -92,7 +92,7 @@ def visible_data(name: str, rows: np.ndarray, extent: tuple[np.ndarray, np.ndarr
     ``depth alpha``: as they are. ``cameraDepth``: nearest 1, farthest 0.1, nothing 0. ``position``: the frame's bounds
     to [0, 1]. ``normal Neye``: 0.5 + 0.5 n. ``st``: fraction, red and green. ``lod``: (lod + 1) / 16.
     ``patch primId filter``: a colour per number, nothing black. ``footprint``: hue the direction, the more colour the
-    longer it is, brighter the more texels it is wide. ``fetches``: log2(1 + fetches) / 8. ``decision``: as it is.
+    longer it is, brighter the more texels it is wide. ``fetches``: log2(1 + fetches) / 8. ``decision``: sRGB-encoded.
 
     Parameters
     ----------
@@ -119,6 +119,8 @@ def visible_data(name: str, rows: np.ndarray, extent: tuple[np.ndarray, np.ndarr
         return _footprint_colors(*np.moveaxis(rows, -1, 0))
     if name == "fetches":
         return np.log2(1.0 + rows) / _LARGEST_FETCHES
+    if name == "decision":
+        return linear_to_srgb(rows)
     return rows
 
 
@@ -132,7 +134,7 @@ def _footprint_colors(major: np.ndarray, minor: np.ndarray, angle: np.ndarray) -
     """(H, W, 3): grey where round, black where there is none; half a turn is once around the hues."""
     anisotropy = np.log2(np.maximum(major, 1e-30) / np.maximum(minor, 1e-30))  # 1e-30: nothing there
     saturation = np.clip(anisotropy / _LARGEST_ANISOTROPY, 0.0, 1.0)[..., None]
-    value = np.clip((np.log2(np.maximum(minor, 1e-30)) + 4.0) / (_LARGEST_LOD + 4.0), 0.125, 1.0)[..., None]
+    value = np.clip((np.log2(np.maximum(minor, 1e-30)) + 6.0) / 12.0, 0.3, 1.0)[..., None]  # white at 64 texels
     color = value * (1.0 - saturation * (1.0 - _hues(angle / np.pi)))
     return np.where(major[..., None] > 0.0, color, 0.0)
 
