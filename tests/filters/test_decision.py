@@ -114,7 +114,6 @@ def rendered(gl, vectors, frame, intensity):
     size = len(vectors), 1
     directions = gl.texture(size, 4, np.pad(vectors, ((0, 0), (0, 1))).astype("f4").tobytes(), dtype="f4")
     target = gl.framebuffer([gl.renderbuffer(size, 4, dtype="f4") for _ in range(2)])
-    before = gl.fbo
     target.use()
     directions.use(0)
     program["directions"] = 0
@@ -123,7 +122,7 @@ def rendered(gl, vectors, frame, intensity):
     array = gl.vertex_array(program, [])
     array.render(gl.TRIANGLES, vertices=3)
     result = [np.frombuffer(target.read(components=4, dtype="f4", attachment=n), np.float32) for n in range(2)]
-    before.use()
+    gl.detect_framebuffer(0).use()  # moderngl would bind the released one again
     for item in (array, target, directions, program):
         item.release()
     return [values.reshape(-1, 4) for values in result]

@@ -3,8 +3,8 @@
 A round Gaussian of a standard deviation of half a pixel, brought into texture space by the Jacobian (Heckbert,
 "Fundamentals of Texture Mapping and Image Warping", 1989, chapter 3; Greene and Heckbert 1986): every texel within the
 ellipse at `RADIUS` standard deviations counts, by its weight. There is no limit to the taps but `MOST_RATIO`: 3400 at
-an elevation of 0.1 degrees. What is averaged is the texture as it is when magnified, bilinear between texel centres, of a
-variance of 1/6 texel^2. A mip level has been averaged by a box already: the Gaussian is narrower by that variance.
+an elevation of 0.1 degrees. What is averaged is the texture as it is when magnified, bilinear between texel centres, of
+a variance of 1/6 texel^2. A mip level has been averaged by a box already: the Gaussian is narrower by that variance.
 
 So the level may be chosen for few taps: the coarsest of which the minor axis still spans `LEAST_MINOR` texels. Where
 a texel covers more than a pixel a Gaussian is not what lies between texel centres; there the lookup is bilinear.
