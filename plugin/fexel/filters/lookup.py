@@ -1,0 +1,185 @@
+"""What a pixel takes of prefiltered images: a cell, and bilinear accesses in it. Shared by ripmap and fipmap.
+
+Along its long axis a footprint, a parallelogram, is the convolution of two boxes as long as its sides are along that
+axis: a trapezoid. The texels of a chain are boxes themselves; each counts by how high the trapezoid is over it, and two
+that lie side by side are one bilinear access. All that is read follows from rows of the Jacobian, which float32 has
+exactly, and not from the quadratic form of an ellipse, which it has not (notes, F9).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fexel.filters.shears import DIRECTIONS
+
+__all__ = ["FLOOR", "Choice", "Rows", "Taps", "chain_taps", "octaves_needed", "own_taps", "short_level", "usable"]
+
+LIFT = 1.5
+"""Texels of a level that the short side of a footprint spans at least, beyond level 0."""
+
+RAMP = 0.5
+"""Share of the shorter side of a parallelogram that counts for how many boxes there are: its ends weigh little."""
+
+SLACK = 0.25
+"""Boxes that a footprint may have more than are read: ends are rather cut than all boxes made twice as long."""
+
+FLOOR = 1e-30
+"""Keeps logarithms and quotients finite where a Jacobian is 0."""
+
+_LARGEST = 1e9  # texels per pixel; more, or not a number, is the whole image
+
+_Floats = NDArray[np.float64]
+_Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """Cells of pixels.
+
+    Attributes
+    ----------
+    direction : (K,) int64
+        Of `fexel.filters.shears.DIRECTIONS`; 0 or 3 (nothing is moved) where `octaves` is 0.
+    octaves : (K,) int64
+        Of the chain; 0: the image's own mip levels.
+    level : (K,) int64
+        Of the chain, or of the image.
+    compact : (K,) bool
+        The image's own, without a long axis.
+    length : (K, 2) float64
+        Texels of level 0 along the long axis that the sides of the footprint take, the longer first; axes of the
+        ellipse where compact.
+    width : (K,) float64
+        Texels of level 0 across, in the moved image.
+    tilt : (K,) float64
+        Texels along the moved axis per texel along the long one, that the shear leaves.
+    """
+
+    direction: _Ints
+    octaves: _Ints
+    level: _Ints
+    compact: NDArray[np.bool_]
+    length: _Floats
+    width: _Floats
+    tilt: _Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Taps:
+    """Bilinear accesses.
+
+    Attributes
+    ----------
+    at : (K, T, 2) float64
+        Places in the image (not moved), texels of level 0, x right, y down, not wrapped.
+    weight : (K, T) float64
+        Their sum is 1.
+    """
+
+    at: _Floats
+    weight: _Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Jacobians by row: how x and y change.
+
+    Attributes
+    ----------
+    jacobian : (K, 2, 2) float64
+    square : (K, 2) float64
+        Squared lengths of the rows, texels^2.
+    product : (K,) float64
+        Of the two rows.
+    area : (K,) float64
+        Of a pixel, texels^2.
+    """
+
+    jacobian: _Floats
+    square: _Floats
+    product: _Floats
+    area: _Floats
+
+    @classmethod
+    def of(cls, jacobian: _Floats) -> Rows:
+        """Of (K, 2, 2), column j per pixel along x, y; finite."""
+        (a, b), (c, d) = np.moveaxis(jacobian, 0, -1)
+        return cls(jacobian, np.sum(jacobian**2, axis=2), a * c + b * d, np.abs(a * d - b * c))
+
+    def long_axis(self) -> _Ints:
+        """The axis along which a footprint is longer; x of equals."""
+        return (self.square[:, 1] > self.square[:, 0]).astype(np.int64)
+
+    def along(self, axis: _Ints) -> tuple[_Floats, _Floats]:
+        """Length along an axis, and the tangent of the footprint against it."""
+        square = np.maximum(self.square[np.arange(len(axis)), axis], FLOOR)
+        return np.sqrt(square), self.product / square
+
+    def sides(self, axis: _Ints) -> _Floats:
+        """(K, 2) of the sides of the parallelogram along an axis, the longer first."""
+        sides = np.abs(self.jacobian[np.arange(len(axis)), axis])
+        return np.maximum(np.sort(sides, axis=1)[:, ::-1], FLOOR)
+
+
+def usable(jacobian: _Floats) -> _Floats:
+    """Jacobians with those replaced that are not finite, or too large for what follows: they see the whole image."""
+    jacobian = np.asarray(jacobian, np.float64)
+    with np.errstate(invalid="ignore"):
+        fits = (np.abs(jacobian) < _LARGEST).all(axis=(1, 2), keepdims=True)
+    return np.where(fits, jacobian, _LARGEST * np.eye(2))
+
+
+def short_level(width: _Floats) -> _Ints:
+    """The coarsest level of which `width` texels of level 0 are `LIFT` texels at least."""
+    return np.maximum(np.floor(np.log2(np.maximum(width, FLOOR) / LIFT)), 0).astype(np.int64)
+
+
+def octaves_needed(sides: _Floats, level: _Ints, probes: int | _Ints) -> _Floats:
+    """By how many octaves a texel must be longer than wide, for `probes` accesses to do; may be negative."""
+    return np.ceil(np.log2((sides[:, 0] + RAMP * sides[:, 1]) / (2.0 * probes + SLACK))) - level
+
+
+def own_taps(at: _Floats, offsets: _Floats) -> Taps:
+    """Accesses of equal weights at (K, T, 2) offsets from (K, 2) places."""
+    return Taps(at[:, None] + offsets, np.full(offsets.shape[:2], 1 / offsets.shape[1]))
+
+
+def chain_taps(choice: Choice, xy: _Floats, extent: tuple[int, int], probes: int) -> Taps:
+    """Accesses along the long axis.
+
+    Parameters
+    ----------
+    choice : Choice
+        Of pixels that are not compact.
+    xy : (K, 2) float64
+        Their places, texels of level 0, y down.
+    extent : (int, int)
+        Width and height of the image, twice along an axis that is mirrored.
+    probes : int
+        T.
+    """
+    axis = np.array([direction.long_axis for direction in DIRECTIONS])[choice.direction]
+    shear = np.array([direction.shear for direction in DIRECTIONS])[choice.direction]
+    size = np.array(extent)[axis]
+    texel = size / np.maximum(size >> np.minimum(choice.octaves + choice.level, 62), 1)
+    center = xy[np.arange(len(xy)), axis]
+    place, weight = _boxes(center / texel, choice.length / texel[:, None], probes)
+    along = place * texel[:, None] - center[:, None]
+    # What the moved axis gains by the shear, a place in the image that is not moved has not.
+    across = (choice.tilt - shear)[:, None] * along
+    offset = np.where((axis == 0)[:, None, None], np.stack([along, across], 2), np.stack([across, along], 2))
+    return Taps(xy[:, None] + offset, weight)
+
+
+def _boxes(middle: _Floats, length: _Floats, probes: int) -> tuple[_Floats, _Floats]:
+    """Places of accesses along the long axis, (K, probes), and their weights; all in texels of the cell."""
+    ramp = np.maximum(length[:, 1:], 1.0)
+    half = 0.5 * (np.maximum(length[:, :1], 1.0) + ramp)
+    first = np.round(middle[:, None] - probes) + 2.0 * np.arange(probes)
+    left, right = (np.clip((half - np.abs(first + at - middle[:, None])) / ramp, 0, 1) for at in (0.5, 1.5))
+    weight = left + right
+    share = np.divide(right, weight, out=np.zeros_like(right), where=weight > 0)
+    return first + 0.5 + share, weight / weight.sum(axis=1, keepdims=True)
