@@ -90,6 +90,8 @@ def halve_axis(image: NDArray[np.float32], axis: int, whole: int | None = None, 
     size: int = whole or image.shape[axis]
     if size == 1:
         return image
+    if size % 2 == 0 and axis == 1 and image.ndim == 3:
+        return _halve_pairs(image)
     image = np.moveaxis(image, axis, 0)
     half = size // 2
     if size % 2 == 0:
@@ -101,6 +103,15 @@ def halve_axis(image: NDArray[np.float32], axis: int, whole: int | None = None, 
         first, last = (half - i) / size, (i + 1) / size
         coarse = first * image[0:-1:2] + image[1::2] * np.float32(half / size) + last * image[2::2]
     return np.moveaxis(coarse, 0, axis)
+
+
+def _halve_pairs(image: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Halve along axis 1: channel by channel, in half the time of loops over channels within."""
+    coarse = np.empty((image.shape[0], image.shape[1] // 2, image.shape[2]), np.float32)
+    for channel in range(image.shape[2]):
+        np.add(image[:, 0::2, channel], image[:, 1::2, channel], out=coarse[..., channel])
+    coarse *= np.float32(0.5)
+    return coarse
 
 
 def clear_rim(image: NDArray) -> NDArray:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import os
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
 
@@ -17,13 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fexel.filters.chain_layout import ChainLayout
-from fexel.filters.sheared import blurred_lines, move_line, moved_lines
+from fexel.filters.sheared import blurred_lines, can_group, move_line, moved_groups, moved_lines
 from fexel.mipmaps import halve_axis, level_size
 from fexel.textures.page_texels import texel_items
 
 __all__ = ["build_chains"]
 
-_BLOCK_TEXELS = 2**18
+_BLOCK_TEXELS = 2**17
 _MOST_HALVINGS = 6  # of a block on its own
 _LEAST_HALVINGS = 4
 
@@ -65,50 +65,37 @@ class _Builder:
 
     def build(self, read: Callable[[int, int], _Lines]) -> None:
         layout = self._layout
-        halved, last = 0, layout.last[0]
-
-        def moved(first: int, end: int) -> _Lines:
-            return moved_lines(read(first, end), first, layout)
-
-        source: Callable[[int, int], _Lines] = moved
+        source: Callable[[int, int], _Lines] = partial(_sheared, read, layout)
+        halved, top, behind = layout.octaves, 0, layout.octaves
         with ThreadPoolExecutor(_threads()) as pool:
-            while halved < last:
-                top = min(last, halved + self._halvings())
-                count = level_size(layout.lines, top)
+            while top < layout.last[0]:
+                lines = max(_BLOCK_TEXELS // layout.texels, 1)
+                halvings = min(max(lines.bit_length() - 1, _LEAST_HALVINGS), _MOST_HALVINGS) - behind
+                top = min(layout.last[0], halved + halvings)
+                count, step = level_size(layout.lines, top), max(1, lines >> (halvings + behind))
+                blocks = ((first, min(first + step, count)) for first in range(0, count, step))
                 rest = np.empty((count, layout.texels, 4), np.float32)
-                blocks = self._blocks(count, top - halved)
-                for first, lines in _in_parallel(pool, partial(self._block, source, halved, top), blocks):
-                    rest[first : first + len(lines)] = lines
-                source = _slices(rest)
-                halved = top
+                for first, texels in _in_parallel(pool, partial(self._block, source, halved, top), blocks):
+                    rest[first : first + len(texels)] = texels
+                source, halved, behind = _slices(rest), top, 0
         for cell in self._cells:
             self._close(cell)
-
-    def _halvings(self) -> int:
-        fit = (_BLOCK_TEXELS // self._layout.texels).bit_length() - 1
-        return min(max(fit, _LEAST_HALVINGS), _MOST_HALVINGS)
-
-    def _blocks(self, count: int, halvings: int) -> Iterator[tuple[int, int]]:
-        step = max(1, (_BLOCK_TEXELS // self._layout.texels) >> halvings)
-        return ((first, min(first + step, count)) for first in range(0, count, step))
 
     def _block(
         self, source: Callable[[int, int], _Lines], low: int, top: int, first: int, end: int
     ) -> tuple[int, _Lines]:
-        """Lines [first, end) halved `top` times, of those halved `low` times; writes what lies between."""
+        """Lines [first, end) halved `top` times, of those halved `low` times; writes what is not written of these."""
         sizes = [level_size(self._layout.lines, n) for n in range(low, top + 1)]
-        needs = [(first, end)]
-        for size in reversed(sizes[:-1]):
-            a, b = needs[-1]
-            needs.append((0, 1) if size == 1 else (2 * a, 2 * b + size % 2))
-        lines = source(*needs[-1])
-        for n in range(low + 1, top + 1):
-            start = needs[top - n][0]
-            lines = halve_axis(lines, 0, sizes[n - 1 - low], start)
-            if n == self._layout.octaves:
-                lines = blurred_lines(lines, self._layout.moved_wrap)
-            own = sizes[n - low] if end == sizes[-1] else end << (top - n)  # what lies beyond is the next block's too
-            self._write(n, start, lines[: own - start])
+        needs = _needed(first, end, sizes[:-1])
+        lines = source(*needs[0])
+        for n in range(low, top + 1):
+            start = needs[n - low][0]
+            if n > low:
+                lines = halve_axis(lines, 0, sizes[n - 1 - low], start)
+            if n > low or n == self._layout.octaves:
+                # What lies beyond is the next block's as well.
+                own = sizes[n - low] if end == sizes[-1] else end << (top - n)
+                self._write(n, start, lines[: own - start])
         return first, lines
 
     def _write(self, n: int, first: int, lines: _Lines) -> None:
@@ -144,6 +131,28 @@ class _Builder:
             texels[:, 0] = texels[:, -1] = 0
 
 
+def _needed(first: int, end: int, sizes: list[int]) -> list[tuple[int, int]]:
+    """By level, the finest first: the lines that make [first, end) of the last one. `sizes` are those of the others."""
+    needs = [(first, end)]
+    for size in reversed(sizes):
+        first, end = (0, 1) if size == 1 else (2 * first, 2 * end + size % 2)
+        needs.append((first, end))
+    return needs[::-1]
+
+
+def _sheared(read: Callable[[int, int], _Lines], layout: ChainLayout, first: int, end: int) -> _Lines:
+    """Lines [first, end) of the coarsest resolution that all chains are made of: moved, halved and blurred."""
+    if can_group(layout):
+        lines = moved_groups(read(first << layout.octaves, end << layout.octaves), first, layout)
+    else:
+        sizes = [level_size(layout.lines, n) for n in range(layout.octaves)]
+        needs = _needed(first, end, sizes)
+        lines = moved_lines(read(*needs[0]), needs[0][0], layout)
+        for size, (start, _) in zip(sizes, needs[1:], strict=True):
+            lines = halve_axis(lines, 0, size, start)
+    return blurred_lines(lines, layout.moved_wrap)
+
+
 def _slices(lines: _Lines) -> Callable[[int, int], _Lines]:
     return lambda first, end: lines[first:end]
 
@@ -152,7 +161,7 @@ def _threads() -> int:
     return min(os.cpu_count() or 1, 8)
 
 
-def _in_parallel(pool: ThreadPoolExecutor, work: Callable, tasks: Iterator[tuple]) -> Iterator:
+def _in_parallel(pool: ThreadPoolExecutor, work: Callable, tasks: Iterable[tuple]) -> Iterator:
     """Results in order; no more tasks at once than keep all threads busy."""
     running: deque[Future] = deque()
     for task in tasks:

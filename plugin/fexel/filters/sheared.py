@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from fexel.filters.chain_layout import ChainLayout
 from fexel.textures.page_texels import texel_items
 
-__all__ = ["SHORT_BLUR", "blurred_lines", "move_line", "moved_lines"]
+__all__ = ["SHORT_BLUR", "blurred_lines", "can_group", "move_line", "moved_groups", "moved_lines"]
 
 SHORT_BLUR = 0.09
 """Share of either neighbour in `blurred_lines`."""
@@ -67,10 +67,70 @@ def moved_lines(lines: NDArray[np.float32], first: int, layout: ChainLayout) -> 
     shifts = shear * (first + np.arange(len(lines)))
     for part in np.unique(shifts % 1):
         which = np.flatnonzero(shifts % 1 == part)
-        sources = lines[which] if part == 0 else _between(lines[which], 1 - float(part), layout.moved_wrap)
+        sources = lines[which] if part == 0 else _between(lines[which], 1 - part, layout.moved_wrap)
         for line, source in zip(which, sources, strict=True):
             _place(source, layout.padding[0] + math.floor(shifts[line]), layout.moved_wrap, moved[line])
     return moved
+
+
+def can_group(layout: ChainLayout) -> bool:
+    """Whether 2^octaves whole lines make one of the finest that chains have, as `moved_groups` needs it."""
+    return layout.lines % (1 << layout.octaves) == 0
+
+
+def moved_groups(lines: NDArray[np.float32], first: int, layout: ChainLayout) -> NDArray[np.float32]:
+    """Means of 2^octaves moved lines each: as `moved_lines` and `octaves` halvings, in a fraction of the time.
+
+    A group moves by a whole number of texels. Within it, lines that repeat are summed up by the part of a texel that
+    they move by, and only the sums are resampled.
+
+    Parameters
+    ----------
+    lines : (B, layout.line_texels, 4) float32
+        Whole groups.
+    first : int
+        Number of the first group.
+    layout : ChainLayout
+        That `can_group`.
+
+    Returns
+    -------
+    (B / 2^octaves, layout.texels, 4) float32
+    """
+    count, wrap = 1 << layout.octaves, layout.moved_wrap
+    groups = lines.reshape(-1, count, *lines.shape[1:])
+    shifts = layout.direction.shear * np.arange(count)
+    least = math.floor(shifts.min())
+    texels = lines.shape[1] + (0 if wrap == "repeat" else math.ceil(shifts.max()) - least)
+    total = np.zeros((len(groups), texels, 4), np.float32)
+    for part in np.unique(shifts % 1):
+        which = np.flatnonzero(shifts % 1 == part)
+        same = np.zeros_like(total) if wrap == "repeat" and part else total
+        for line in which:
+            source = groups[:, line] if part == 0 or wrap == "repeat" else _between(groups[:, line], 1 - part, wrap)
+            _add(same, source, math.floor(shifts[line]) - least, wrap)
+        if same is not total:
+            total += _between(same, 1 - part, wrap)
+    total *= np.float32(1 / count)
+    moved = np.empty((len(groups), layout.texels, 4), np.float32)
+    for group, line in enumerate(total):
+        start = layout.padding[0] + least + round(layout.direction.shear * count * (first + group))
+        _place(line, start, wrap, moved[group])
+    return moved
+
+
+def _add(total: NDArray[np.float32], lines: NDArray[np.float32], start: int, wrap: str) -> None:
+    """Add lines from texel `start` on, and what continues them."""
+    texels = lines.shape[1]
+    if wrap == "repeat":
+        start %= texels
+        total[:, start:] += lines[:, : texels - start]
+        total[:, :start] += lines[:, texels - start :]
+        return
+    total[:, start : start + texels] += lines
+    if wrap == "clamp":
+        total[:, :start] += lines[:, :1]
+        total[:, start + texels :] += lines[:, -1:]
 
 
 def blurred_lines(lines: NDArray[np.float32], wrap: str) -> NDArray[np.float32]:
