@@ -118,9 +118,9 @@ def visible_data(name: str, rows: np.ndarray, extent: tuple[np.ndarray, np.ndarr
     if name == "footprint":
         return _footprint_colors(*np.moveaxis(rows, -1, 0))
     if name == "fetches":
-        return np.log2(1.0 + rows) / _LARGEST_FETCHES
+        return np.clip(np.log2(1.0 + np.maximum(rows, 0.0)) / _LARGEST_FETCHES, 0.0, 1.0)
     if name == "decision":
-        return linear_to_srgb(rows)
+        return linear_to_srgb(np.clip(rows, 0.0, 1.0))
     return rows
 
 
