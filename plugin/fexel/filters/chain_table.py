@@ -6,27 +6,29 @@ than finer.
 
 Layout:
     0         where the directions are, from the image's record on; codes = first level + 16 levels + 256 octaves; 0; 0
-    then per direction, by number: shear; where its cells are, from the image's record on; fewest octaves; 1 where the
-              long axis is x, else 0
+    then per long axis, x and y, and shear in quarters from -4 to 4, of the direction that serves it: shear; where its
+              cells are, from the image's record on; fewest octaves; 1 where its long axis is x, else 0
     then the cells of each direction that there is, levels within octaves from 0 on: page texels per texel of level 0 of
               the image, along the long axis and along the moved one; page texels where it begins, along both
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fexel.filters.shears import DIRECTIONS
+from fexel.filters.shears import DIRECTIONS, Direction
 
 __all__ = ["MOST_LEVELS", "Cells", "chain_table"]
 
 MOST_LEVELS = 15
 """Levels that a table can have; the coarsest stands for those beyond."""
 
+_SLANTS = tuple(Direction(axis, quarters / 4) for axis in (0, 1) for quarters in range(-4, 5))
 _FINER = 8.0  # what a cell that is an octave finer than asked for costs, over one that is as much coarser
 
 
@@ -66,12 +68,12 @@ def chain_table(cells: Mapping[int, Cells], first: int) -> NDArray[np.float64]:
     highest = max(int(each.level.max()) for each in cells.values())
     levels = np.arange(lowest, min(highest, lowest + MOST_LEVELS - 1) + 1)
     row = len(octaves) * len(levels)
-    start = {direction: first + 1 + len(DIRECTIONS) + row * number for number, direction in enumerate(cells)}
-    directions = np.zeros((len(DIRECTIONS), 4))
-    for number in range(len(DIRECTIONS)):
-        used = number if number in cells else _most_alike(number, list(cells))
-        fewest = int(cells[used].octaves.min())
-        directions[number] = DIRECTIONS[used].shear, start[used], fewest, DIRECTIONS[used].long_axis == 0
+    start = {direction: first + 1 + len(_SLANTS) + row * number for number, direction in enumerate(cells)}
+    serving = [_most_alike(slant, list(cells)) for slant in _SLANTS]
+    directions = [
+        (DIRECTIONS[used].shear, start[used], int(cells[used].octaves.min()), DIRECTIONS[used].long_axis == 0)
+        for used in serving
+    ]
     head = [first + 1, lowest + 16 * len(levels) + 256 * (len(octaves) - 1), 0, 0]
     return np.concatenate([[head], directions, *(_row(each, octaves, levels) for each in cells.values())])
 
@@ -84,13 +86,13 @@ def _row(cells: Cells, octaves: NDArray[np.int64], levels: NDArray[np.int64]) ->
     return cells.place[np.where(off > 0, off, -_FINER * off).sum(axis=0).argmin(axis=1)]
 
 
-def _most_alike(direction: int, among: list[int]) -> int:
-    """The direction whose footprints include the least angle with those of another."""
-    difference = np.array([_angle(each) - _angle(direction) for each in among])
-    return among[int(np.abs(np.sin(difference)).argmin())]
+def _most_alike(slant: Direction, among: list[int]) -> int:
+    """The direction whose footprints include the least angle with those of `slant`; of equals one of its long axis."""
+    off = [abs(math.sin(_angle(DIRECTIONS[each]) - _angle(slant))) for each in among]
+    other_axis = [DIRECTIONS[each].long_axis != slant.long_axis for each in among]
+    return min(zip(np.round(off, 6), other_axis, among, strict=True))[2]
 
 
-def _angle(direction: int) -> float:
-    """Of the footprints that a direction brings onto its long axis, radians from x towards y."""
-    k, long_axis = DIRECTIONS[direction].shear, DIRECTIONS[direction].long_axis
-    return float(np.arctan2(-k, 1.0) if long_axis == 0 else np.arctan2(1.0, -k))
+def _angle(slant: Direction) -> float:
+    """Of the footprints that are brought onto the long axis, radians from x towards y."""
+    return math.atan2(-slant.shear, 1.0) if slant.long_axis == 0 else math.atan2(1.0, -slant.shear)

@@ -97,16 +97,15 @@ class Frame:
             return 0, 0
         return DIRECTIONS[self.direction].padding(self.period(self.long_axis) or self.size[self.long_axis])
 
-    def extent(self, folded: bool) -> NDArray[np.float64]:
-        """(2,) width and height of what is moved, in texels of the image: of twice the image along a mirrored axis,
-        unless it is `folded`, that is: the chain keeps one of both halves.
-        """
-        extent = np.array([size if folded else self.period(axis) or size for axis, size in enumerate(self.size)], float)
+    @property
+    def extent(self) -> NDArray[np.float64]:
+        """(2,) width and height of what is moved, texels of the image: twice the image along a mirrored axis."""
+        extent = np.array([self.period(axis) or size for axis, size in enumerate(self.size)], np.float64)
         extent[1 - self.long_axis] += self._padding[1]
         return extent
 
     def window(
-        self, low: NDArray[np.float64], high: NDArray[np.float64], folded: bool
+        self, low: NDArray[np.float64], high: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Bounds of boxes once they are moved.
 
@@ -114,24 +113,23 @@ class Frame:
         ----------
         low, high : (N, 2) float64
             Of the boxes: texels of the image, y down, not wrapped.
-        folded : bool
 
         Returns
         -------
         low, high : (N, 2), (N, 2)
             In [0, 1]^2 of the chain, t up; beyond it where a box lies across a seam.
         """
-        extent, long = self.extent(folded), self.long_axis
+        extent, long = self.extent, self.long_axis
         moved = 1 - long
         bounds: list[tuple[NDArray[np.float64], NDArray[np.float64]]] = [(low[:, 0], high[:, 0])] * 2
-        along = self._within(low[:, long], high[:, long], long, folded)
+        along = self._within(low[:, long], high[:, long], long)
         # Where the box crosses a seam of the long axis, what is moved may be anywhere.
         across = (along[0] < 0) | (along[1] > extent[long])
         shear = DIRECTIONS[self.direction].shear
         shifts = np.stack([shear * (along[0] - 0.5), shear * (along[1] - 0.5)])
         begin = low[:, moved] + shifts.min(axis=0) + self._padding[0]
         end = high[:, moved] + shifts.max(axis=0) + self._padding[0]
-        sideways = self._within(begin, end, moved, folded)
+        sideways = self._within(begin, end, moved)
         if shear:
             sideways = np.where(across, -1.0, sideways[0]), np.where(across, extent[moved] + 1.0, sideways[1])
         bounds[long], bounds[moved] = along, sideways
@@ -142,7 +140,7 @@ class Frame:
         )
 
     def _within(
-        self, low: NDArray[np.float64], high: NDArray[np.float64], axis: int, folded: bool
+        self, low: NDArray[np.float64], high: NDArray[np.float64], axis: int
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Without whole periods; what still reaches beyond is all of it."""
         period = self.period(axis)
@@ -150,7 +148,4 @@ class Frame:
             return low, high
         whole = period * np.floor(low / period)
         low, high = low - whole, high - whole
-        if folded and period > self.size[axis]:
-            back = low >= self.size[axis]
-            low, high = np.where(back, period - high, low), np.where(back, period - low, high)
         return low, high

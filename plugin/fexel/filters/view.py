@@ -1,0 +1,268 @@
+"""Images in a view as their minification filter looks them up: what is wanted of each, and its record.
+
+What shaders/image.glsl does per pixel is foreseen here for pieces of a view. Ripmap and fipmap want chains
+(`fexel.filters.chain`) in place of fine mip levels.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from dataclasses import dataclass
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fexel.filters import FILTERS
+from fexel.filters.chain import Chain
+from fexel.filters.chain_table import Cells, chain_table
+from fexel.filters.chain_texels import ChainTexels
+from fexel.filters.chain_wants import Frame, Wants, cells_wanted
+from fexel.textures.footprint import Footprint
+from fexel.textures.image_view import ImageView
+from fexel.textures.pyramid_cache import ImageFacts, PyramidCache
+
+if TYPE_CHECKING:
+    from fexel.textures.pool import TexelReader, TexturePool
+
+__all__ = ["CHAINED", "FilterView"]
+
+CHAINED = ("ripmap", "fipmap")
+"""Filters that look chains up."""
+
+_LOD_MARGIN = 0.2  # as of residency: a footprint may be a little smaller between the places that were looked at
+_PLAIN = (0, 3)  # directions that move nothing: of these the image itself is the chain of 0 octaves
+
+_Window = tuple[NDArray[np.float64], NDArray[np.float64]]
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """Cells of one direction and so many octaves that a view wants; 0: of the image itself.
+
+    Attributes
+    ----------
+    number : int
+        In the pool.
+    direction, octaves : int
+    levels : (N,) and (N,) int64
+        Finest and coarsest, by piece.
+    window : (N, 2) and (N, 2) float64
+        Bounds in [0, 1]^2, t up, by piece.
+    """
+
+    number: int
+    direction: int
+    octaves: int
+    levels: tuple[NDArray[np.int64], NDArray[np.int64]]
+    window: _Window
+
+    def ask(self, pool: TexturePool) -> None:
+        pool.ask(np.full(len(self.levels[0]), self.number), self.levels, self.window)
+
+    def resident(self, pool: TexturePool) -> NDArray[np.int64]:
+        """Levels that were asked for, or came in their place, and are there."""
+        finest = max(int(self.levels[0].min()), int(pool.finest[self.number]))
+        levels = np.arange(finest, max(int(self.levels[1].max()), finest) + 1)
+        return levels[pool.places[self.number, levels, 0] > 0]
+
+
+@dataclass(frozen=True, eq=False)
+class FilterView:
+    """An image in a view, and the filter that looks it up.
+
+    Attributes
+    ----------
+    token : str
+        One of `fexel.filters.FILTERS`.
+    own : ImageView
+        The image, and which of its mip levels are seen.
+    parts : tuple
+        What is wanted: of chains, and of the image itself.
+    """
+
+    token: str
+    own: ImageView
+    parts: tuple[_Part, ...]
+
+    @classmethod
+    def of(
+        cls,
+        pool: TexturePool,
+        source: Hashable,
+        path: str,
+        token: str,
+        jacobian: NDArray[np.float64],
+        low: NDArray[np.float64],
+        high: NDArray[np.float64],
+        *,
+        reader: TexelReader | None = None,
+        vectors: bool = False,
+        bias: float = 0.0,
+    ) -> FilterView:
+        """What pieces of a view want of an image.
+
+        Parameters
+        ----------
+        pool : TexturePool
+        source : hashable
+            Of the image in the pool.
+        path : str
+            Prim to name where it cannot be read.
+        token : str
+        jacobian : (K, P, 2, 2) or (K, 2, 2) float64
+            Texels of level 0 (x right, y down) per pixel, column j along x, y, at P places of each of K pieces.
+        low, high : (K, 2) float64
+            Bounds of each piece in [0, 1]^2 of the image, t up, with half a pixel around it; may exceed it.
+        reader : TexelReader, optional
+            Of the source; default that of image files.
+        vectors : bool
+            The image holds vectors.
+        bias : float
+            How many mip levels finer than by its size it is read; chains know none.
+        """
+        number = pool.image(source, path, reader)
+        jacobian = jacobian.reshape(len(jacobian), -1, 2, 2)
+        window = np.asarray(low, np.float64), np.asarray(high, np.float64)
+        code = FILTERS.index(token)
+        if token not in CHAINED:
+            lods = _lods(token, jacobian, pool.anisotropy)
+            own = ImageView.of(pool, number, *lods, bias, code)
+            levels = np.full(len(jacobian), own.finest), np.full(len(jacobian), own.coarsest)
+            return cls(token, own, (_Part(number, 0, 0, levels, window),))
+        wants = cells_wanted(jacobian, import_module(f"fexel.filters.{token}").choose)
+        parts = [_own_part(pool, number, jacobian, wants, window)]
+        for direction, octaves in sorted(set(zip(wants.direction.tolist(), wants.octaves.tolist(), strict=True))):
+            if octaves:
+                chain = Chain(source, direction, octaves, vectors, reader)
+                parts.append(_chain_part(pool, chain, path, pool.facts(number), wants, window))
+        own = ImageView(number, int(parts[0].levels[0].min()), int(parts[0].levels[1].max()), bias, code)
+        return cls(token, own, tuple(parts))
+
+    def ask(self, pool: TexturePool) -> None:
+        """Want all of it."""
+        for part in self.parts:
+            part.ask(pool)
+
+    def record(self, pool: TexturePool) -> NDArray[np.float64]:
+        """(N, 4) what shaders/image.glsl reads, after `TexturePool.load`."""
+        record = self.own.record(pool)
+        if self.token not in CHAINED:
+            return record
+        facts = pool.facts(self.image)
+        cells: dict[int, list[tuple[int, NDArray[np.int64], NDArray[np.float64]]]] = {}
+        for part in self.parts:
+            for direction in _PLAIN if part.octaves == 0 else (part.direction,):
+                frame = Frame(direction, facts.size, facts.wrap)
+                levels = part.resident(pool)
+                if len(levels):
+                    place = _places(pool, part.number, levels, frame, own=part.octaves == 0)
+                    cells.setdefault(direction, []).append((part.octaves, levels, place))
+        table = {
+            direction: Cells(
+                np.concatenate([np.full(len(levels), octaves) for octaves, levels, _ in found]),
+                np.concatenate([levels for _, levels, _ in found]),
+                np.concatenate([place for _, _, place in found]),
+            )
+            for direction, found in cells.items()
+        }
+        return np.concatenate([record, chain_table(table, len(record))])
+
+    def constants(self, pool: TexturePool, record: int) -> NDArray[np.float64]:
+        """(2, 4) for image_flat of shaders/image.glsl, of the record that was appended at `record`."""
+        texels = self.record(pool)
+        head, table = texels[0], np.zeros(4)
+        if self.token in CHAINED:
+            table = texels[1 + self._own_levels(pool)] + [record, 0, 0, 0]
+        table[3] = record
+        return np.stack([head, table])
+
+    def _own_levels(self, pool: TexturePool) -> int:
+        return len(self.own.record(pool)) - 1
+
+    @property
+    def image(self) -> int:
+        """Number in the pool."""
+        return self.own.image
+
+    @property
+    def filter_code(self) -> int:
+        """Number in `FILTERS`."""
+        return self.own.filter_code
+
+    @property
+    def images(self) -> tuple[int, ...]:
+        """Numbers in the pool, those of its chains included."""
+        return tuple(sorted({part.number for part in self.parts}))
+
+    @property
+    def finest(self) -> int:
+        """Finest mip level of the image itself that is seen."""
+        return self.own.finest
+
+    @property
+    def coarsest(self) -> int:
+        """The coarsest one."""
+        return self.own.coarsest
+
+    @property
+    def bias(self) -> float:
+        """Of `ImageView`."""
+        return self.own.bias
+
+    @property
+    def levels(self) -> int:
+        """How many mip levels of the image itself are seen."""
+        return self.own.levels
+
+    def page_classes(self, pool: TexturePool) -> frozenset[int]:
+        """Of the pages that it is looked up in."""
+        return frozenset(int(pool.page_class[number]) for number in self.images)
+
+
+def _lods(token: str, jacobian: NDArray[np.float64], anisotropy: float) -> tuple[float, float]:
+    """Range of mip levels of the filters that need no chains."""
+    every = np.nan_to_num(jacobian.reshape(-1, 2, 2), posinf=1e30, neginf=-1e30)
+    if token in ("mipmap", "anisotropic"):
+        lods = (Footprint.of(every).level(anisotropy if token == "anisotropic" else 1.0),) * 2
+    else:
+        lods = import_module(f"fexel.filters.{token}").lods(every)
+    return float(lods[0].min()) - _LOD_MARGIN, float(lods[1].max()) + _LOD_MARGIN
+
+
+def _own_part(pool: TexturePool, number: int, jacobian: NDArray[np.float64], wants: Wants, window: _Window) -> _Part:
+    """Mip levels of the image itself; and one that all pieces have, as coarse as the longest footprint."""
+    last = pool.facts(number).last_level
+    at = np.flatnonzero(wants.octaves == 0)
+    longest = np.nan_to_num(Footprint.of(np.nan_to_num(jacobian)).major, nan=np.inf).max(initial=1.0)
+    spare = int(np.clip(np.ceil(np.log2(max(longest, 1.0))), 0, last))
+    spares = np.full(len(jacobian), spare)
+    levels = (np.minimum(np.append(each[at], spares), last) for each in (wants.finest, wants.coarsest))
+    finest, coarsest = levels
+    low, high = (np.concatenate([bound[wants.piece[at]], bound]) for bound in window)
+    return _Part(number, 0, 0, (finest, coarsest), (low, high))
+
+
+def _chain_part(pool: TexturePool, chain: Chain, path: str, base: ImageFacts, wants: Wants, window: _Window) -> _Part:
+    number = pool.image(chain, path, pool.reader(ChainTexels, pool.reader(PyramidCache)))
+    at = np.flatnonzero((wants.direction == chain.direction) & (wants.octaves == chain.octaves))
+    last = pool.facts(number).last_level
+    low, high = (bound[wants.piece[at]] for bound in window)
+    texels = np.array(base.size, np.float64)
+    down_low, down_high = np.stack([low[:, 0], 1 - high[:, 1]], 1), np.stack([high[:, 0], 1 - low[:, 1]], 1)
+    bounds = Frame(chain.direction, base.size, base.wrap).window(down_low * texels, down_high * texels)
+    levels = np.minimum(wants.finest[at], last), np.minimum(wants.coarsest[at], last)
+    return _Part(number, chain.direction, chain.octaves, levels, bounds)
+
+
+def _places(
+    pool: TexturePool, number: int, levels: NDArray[np.int64], frame: Frame, *, own: bool
+) -> NDArray[np.float64]:
+    """(N, 4) of a `chain_table`."""
+    page = np.array(pool.atlases[pool.facts(number).page_class].size, np.float64)
+    place = pool.places[number, levels]
+    size = np.array(pool.facts(number).size, np.float64)
+    scale = place[:, :2] * page * size / (frame.size if own else frame.extent)
+    order = [frame.long_axis, 1 - frame.long_axis]
+    return np.concatenate([scale[:, order], (place[:, 2:] * page)[:, order]], axis=1)
