@@ -1,5 +1,5 @@
 // Pinchmap lookup (Tarini and Cignoni 2005): a signal texture looked up where its pinchmap says, so that it has sharp edges.
-// Requires texture_data.glsl, common_footprint.glsl, pinchmap_warp.glsl. Provides pinchmap_sample, pinchmap_nested.
+// Requires texture_data.glsl, common_footprint.glsl, image.glsl, pinchmap_warp.glsl. Provides pinchmap_sample, pinchmap_nested.
 //
 // Two ways: constants in varyings, one bilinear access to each texture (pinchmap_fast.glsl); or records, for deep zooms,
 // grazing views and patches of other textures (pinchmap_record.glsl).
@@ -11,6 +11,8 @@
 // Positions are in texels of the pinchmap, t up: texel j of the pinchmap lies at position j.
 #include "texture_data.glsl"
 #include "common_footprint.glsl"
+#include "lookup_counts.glsl"
+#include "image.glsl"
 #include "pinchmap_warp.glsl"
 
 uniform ivec4 pinchmapRecord[PINCHMAP_SLOTS];   // place in the record texture, finest mip level

@@ -5,7 +5,12 @@
 // is seen, so that an edge is placed right at any magnification; that also gives the gradient across it without differences
 // between pixels, so that this may be called in a loop.
 //
-// Defines: PINCHMAP_PROBES 1 for anisotropic filtering; PINCHMAP_LINES 1 where any has a solid line.
+// A filter that reads prefiltered images reads those of the picture as a whole (image.glsl), discontinuities and lines
+// included, where nothing is displaced any more; as the displacement fades, that lookup is blended in.
+//
+// Defines: PINCHMAP_PROBES 1 for anisotropic filtering, PINCHMAP_MIXED 1 where not all may take as many probes;
+// PINCHMAP_LINES 1 where any has a solid line; PINCHMAP_FILTERED 1 where any picture is looked up as a whole,
+// PINCHMAP_WARPED 0 where nothing else is.
 //
 // Record, written by fexel/textures/pinchmap_gpu.py:
 //   0  position.x * w - base.x * w from (s, t, 1), h
@@ -15,13 +20,15 @@
 //   4  page texel of position (0, 0), codes = wrap mode along s + 4 * along t + 16 in the float pages + 32 signal in the
 //      half-float pages + 64 a patch; finest + 16 * coarsest mip level of the signal
 //   5  line colour, premultiplied
-//   6  log2 of signal texels per pinchmap texel; 0 where one texel stands for the whole pinchmap, else 1; 0, 0
+//   6  log2 of signal texels per pinchmap texel; 0 where one texel stands for the whole pinchmap, else 1; record of the
+//      picture as a whole, -1 where it is not looked up; most probes
 //   7  per level: scale.xy, offset.xy from position to page coordinates
 #if PINCHMAP_RECORDS
 
 #define PINCHMAP_HEADER 7
 
 uniform float pinchmapMaxProbes;
+uniform float pinchmapImageProbes;   // most that image.glsl may take
 
 struct PinchmapPlace {
     vec2 cell;        // lowest of the four texels around
@@ -91,14 +98,19 @@ vec4 pinchmap_record_sample(int record, vec2 st, vec2 dstdx, vec2 dstdy, out flo
     // Exact Jacobian of the projective map: d(xy / w) = (d(xy) - xy / w d(w)) / w.
     vec2 dx = (vec2(dot(rowX.xy, dstdx), dot(rowY.xy, dstdx)) - middle * dot(rowW.xy, dstdx)) / mapped.z;
     vec2 dy = (vec2(dot(rowX.xy, dstdy), dot(rowY.xy, dstdy)) - middle * dot(rowW.xy, dstdy)) / mapped.z;
+    vec4 scales = record_fetch(record + 6);
 #if PINCHMAP_PROBES
+#if PINCHMAP_MIXED
+    float most = scales.w;
+#else
+    float most = pinchmapMaxProbes;
+#endif
     Footprint axes = make_footprint(dx, dy);
-    float probes = footprint_probes(axes, pinchmapMaxProbes);
-    float width = footprint_level(axes, pinchmapMaxProbes);
+    float probes = footprint_probes(axes, most);
+    float width = footprint_level(axes, most);
 #else
     float width = isotropic_level(dx, dy);
 #endif
-    vec4 scales = record_fetch(record + 6);
     lod = width + scales.x;
     float used = clamp(lod, float(levels & 15), float(levels >> 4));
     int fine = int(used);
@@ -107,6 +119,11 @@ vec4 pinchmap_record_sample(int record, vec2 st, vec2 dstdx, vec2 dstdy, out flo
     float footprint = exp2(width);
 
     vec4 sum = vec4(0.0);
+#if PINCHMAP_FILTERED
+    float whole = scales.z < 0.0 ? 0.0 : scales.y == 0.0 ? 1.0 : 1.0 - pinch_fade(footprint);
+    footprint = scales.z < 0.0 ? footprint : min(footprint, 1.0);  // the blend takes the place of the fade
+#endif
+#if PINCHMAP_WARPED
     // A transition is as wide as the share of the footprint that each probe covers.
     vec2 ddx = dx;
     vec2 ddy = dy;
@@ -151,6 +168,16 @@ vec4 pinchmap_record_sample(int record, vec2 st, vec2 dstdx, vec2 dstdy, out flo
         along += weight;
     } while (along < 0.5);
     sum *= weight;
+#endif
+#endif
+#if PINCHMAP_FILTERED
+    if (whole > 0.0) {
+        float filteredLod;
+        vec4 filtered = image_filter(image_open(int(scales.z)), (middle + sizes.zw) / size, dx / size, dy / size,
+                                     pinchmapImageProbes, filteredLod);
+        sum += whole * (filtered - sum);
+        lod = whole > 0.5 ? filteredLod : lod;
+    }
 #endif
     // The rim of a patch fades over one pixel inside of it.
     vec2 fromRim = min(middle + sizes.zw, size - middle - sizes.zw);

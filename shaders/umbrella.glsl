@@ -3,7 +3,8 @@
 //
 // Defines: UMBRELLA_SLOTS textures of the material; UMBRELLA_DRAWN 1 where the view sees umbrellas, UMBRELLA_MERGED most
 // coarser arrangements it sees besides, UMBRELLA_PICTURE 1 where it sees a prefiltered picture; UMBRELLA_PROBES 1 for
-// anisotropic filtering; and what the umbrellas of any slot use: UMBRELLA_SHADOWS, UMBRELLA_COLORS vertex colours,
+// anisotropic filtering, UMBRELLA_MIXED 1 where not all may take as many probes; UMBRELLA_FILTERED 1 where images of bases
+// are looked up by a filter of their own; and what the umbrellas of any slot use: UMBRELLA_SHADOWS, UMBRELLA_COLORS vertex colours,
 // UMBRELLA_ALPHA images with alpha, UMBRELLA_COVERAGES below 1, UMBRELLA_VECTORS, UMBRELLA_SCALED a scale or bias,
 // UMBRELLA_OUTSIDE a wrap mode black, UMBRELLA_PERSPECTIVE a projective map to st; see also umbrella_search.glsl.
 //
@@ -14,10 +15,10 @@
 //   3  page texels of the first texel: of the float page, of the half page
 //   4  bins and slices of the tables; colour blend; codes = wrap mode along s + 4 * along t + 16 * log2 of a row of the float
 //      page's texels + 512 * log2 of one of the half page's + 16384 where texels are vectors, twice where one of their axes
-//      runs backward
+//      runs backward + 65536 where images of bases are looked up by a filter of their own
 //   5  shadow offset in cells; strength; record of the first base image
 //   6  records of the background and of the picture; texels of the record of an image; texels of an entry
-//   7  w from (s, t, 1)
+//   7  w from (s, t, 1); most probes
 //   8  coarser arrangements that follow, each with a record; level of this one; level of the picture; 1 if there is one
 //   9  scale
 //  10  bias
@@ -35,6 +36,11 @@
 
 uniform ivec4 umbrellaRecord[UMBRELLA_SLOTS];
 uniform float umbrellaMaxProbes;
+#if UMBRELLA_MIXED
+#define UMBRELLA_MOST(record) record_fetch(record + 7).w
+#else
+#define UMBRELLA_MOST(record) umbrellaMaxProbes
+#endif
 
 #define UMBRELLA_RECORD 11                   // texels
 
@@ -84,7 +90,7 @@ UmbrellaPosition umbrella_position(bool isFlat, int place, int record, vec2 st, 
 
 #if UMBRELLA_DRAWN
 // One arrangement; several probes along a long footprint, each of which covers its share of it.
-vec4 umbrella_arrangement(bool isFlat, int place, UmbrellaPosition at, out float lod, out float patchIndex)
+vec4 umbrella_arrangement(bool isFlat, int place, int record, UmbrellaPosition at, out float lod, out float patchIndex)
 {
     UmbrellaLook look = umbrella_look(at.cells, umbrella_constant(isFlat, place, 3), umbrella_constant(isFlat, place, 4),
                                       umbrella_constant(isFlat, place, 5), umbrella_constant(isFlat, place, 6));
@@ -92,7 +98,7 @@ vec4 umbrella_arrangement(bool isFlat, int place, UmbrellaPosition at, out float
     vec2 gridX = at.dx * at.perCell;
     vec2 gridY = at.dy * at.perCell;
     Footprint axes = make_footprint(gridX, gridY);
-    float weight = 1.0 / footprint_probes(axes, umbrellaMaxProbes);
+    float weight = 1.0 / footprint_probes(axes, UMBRELLA_MOST(record));
     vec2 major = axes.majorDirection / at.perCell;
     vec2 shorten = axes.majorDirection * ((1.0 - weight) / (axes.majorAxis * axes.majorAxis));
     vec2 dx = at.dx - major * dot(shorten, gridX);
@@ -136,7 +142,7 @@ vec4 umbrella_levels(int record, vec2 st, vec2 dstdx, vec2 dstdy, float chosen, 
         UmbrellaPosition at = umbrella_position(false, place, place, st, dstdx, dstdy);
         float levelLod;
         float levelPatch;
-        vec4 level = umbrella_arrangement(false, place, at, levelLod, levelPatch);
+        vec4 level = umbrella_arrangement(false, place, place, at, levelLod, levelPatch);
         color += running ? share * level : vec4(0.0);
         bool tells = running && share >= 0.5;
         lod = tells ? levelLod : lod;
@@ -158,7 +164,7 @@ vec4 umbrella_lookup(bool isFlat, int place, int record, vec2 st, vec2 dstdx, ve
     float blend = 0.0;                       // of the picture
 #if UMBRELLA_MERGED || UMBRELLA_PICTURE
 #if UMBRELLA_PROBES
-    float level = footprint_level(make_footprint(at.dx * at.perCell, at.dy * at.perCell), umbrellaMaxProbes);
+    float level = footprint_level(make_footprint(at.dx * at.perCell, at.dy * at.perCell), UMBRELLA_MOST(record));
 #else
     float level = isotropic_level(at.dx * at.perCell, at.dy * at.perCell);
 #endif
@@ -187,7 +193,7 @@ vec4 umbrella_lookup(bool isFlat, int place, int record, vec2 st, vec2 dstdx, ve
     color = umbrella_levels(record, st, dstdx, dstdy, chosen, blend, both && blend > 0.0, lod, patchIndex);
     blend = both ? 0.0 : blend;
 #elif UMBRELLA_DRAWN
-    color = umbrella_arrangement(isFlat, place, at, lod, patchIndex);
+    color = umbrella_arrangement(isFlat, place, record, at, lod, patchIndex);
 #endif
 
     UmbrellaLook look = umbrella_look(at.cells, umbrella_constant(isFlat, place, 3), umbrella_constant(isFlat, place, 4),
@@ -198,7 +204,7 @@ vec4 umbrella_lookup(bool isFlat, int place, int record, vec2 st, vec2 dstdx, ve
     vec2 turned = vec2(s.z < 0.0 ? -1.0 : 1.0, t.z < 0.0 ? -1.0 : 1.0);
     vec2 uv = vec2(s.x + s.y, t.x + t.y) / at.cells;
     float pictureLod;
-    vec4 picture = image_sample(look.picture, uv, turned * at.dx / at.cells, turned * at.dy / at.cells, umbrellaMaxProbes,
+    vec4 picture = image_sample(look.picture, uv, turned * at.dx / at.cells, turned * at.dy / at.cells, UMBRELLA_MOST(record),
                                 pictureLod);
 #if UMBRELLA_DRAWN
     bool isThere = levels.w > 0.0;

@@ -13,15 +13,19 @@ struct UmbrellaLook {
     int picture;             // record of the level's image
     int imageTexels;         // of a record
     float vectorHand;        // 1 where texels are vectors, -1 where one of their axes runs backward, else 0
+    float imageProbes;       // most that a lookup in an image may take
 };
+
+uniform float umbrellaImageProbes;
 
 UmbrellaLook umbrella_look(vec2 cells, vec4 pages, vec4 tables, vec4 shadow, vec4 parts)
 {
     int codes = int(tables.w);
+    int vectors = (codes >> 14) & 3;
     UmbrellaGrid grid = UmbrellaGrid(ivec2(pages.xy), (codes >> 4) & 31, tables.x, tables.y, int(parts.w), cells);
     return UmbrellaLook(grid, ivec2(codes & 3, (codes >> 2) & 3), ivec2(pages.zw), (codes >> 9) & 31, tables.z, shadow.xyz,
                         int(shadow.w), int(parts.x), int(parts.y), int(parts.z),
-                        codes < 16384 ? 0.0 : codes < 32768 ? 1.0 : -1.0);
+                        vectors == 2 ? -1.0 : float(vectors), codes < 65536 ? 1.0 : umbrellaImageProbes);
 }
 
 #if UMBRELLA_DRAWN
@@ -67,12 +71,17 @@ UmbrellaTexel umbrella_texel_place(UmbrellaLook look, int shape, float sector, v
                          vec2(number + 1.0, number + 1.0 < head.w ? number + 2.0 : 1.0));
 }
 
-// Trilinear in the image of a shape; opaque black without one. Linear, premultiplied.
+// The image of a shape, opaque black without one; trilinear, where the texture has no filter of its own for what probes
+// leave. Linear, premultiplied.
 vec4 umbrella_image(UmbrellaLook look, UmbrellaTexel at, int record, out float level)
 {
     Image image = image_open(record);
+#if UMBRELLA_FILTERED
+    vec4 texel = image_filter(image, at.uv, at.dx, at.dy, look.imageProbes, level);
+#else
     level = isotropic_level(at.dx * image.size, at.dy * image.size);
     vec4 texel = image_at_level(image, at.uv, level - image.bias);
+#endif
     return at.image < 0.0 ? vec4(0.0, 0.0, 0.0, 1.0) : texel;
 }
 

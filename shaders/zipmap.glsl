@@ -1,5 +1,5 @@
 // Zipmap lookup (Eisemann and Magnor 2010, eq. 1): C = sum_i w_i C_i, w_i = alpha_i prod_{j>i} (1 - alpha_j), front to back.
-// Requires texture_data.glsl, common_footprint.glsl. Provides zipmap_sample.
+// Requires texture_data.glsl, common_footprint.glsl, image.glsl. Provides zipmap_sample.
 //
 // Three ways to the layers of a place: a short list is unrolled (zipmap_list.glsl), a root that is seen alone and whose
 // filter reads prefiltered images is one lookup of image.glsl (zipmap_root.glsl), all else goes by the index
@@ -13,6 +13,7 @@
 #include "texture_data.glsl"
 #include "common_footprint.glsl"
 #include "lookup_counts.glsl"
+#include "image.glsl"
 
 #define ZIPMAP_PATCH 0.0
 #define ZIPMAP_CLAMP 1.0

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fexel.filters.view import FilterView
+from fexel.textures.image_view import image_defines
 from fexel.textures.kind import Part, Slot
 from fexel.textures.page_format import FLOAT, HALF, SNORM, SRGB
 from fexel.textures.pool import TexturePool
@@ -52,6 +54,10 @@ class PinchmapConstants:
     is_pinched : bool
         False where the pinchmap is one texel that stands for all.
     nested : bool
+    most : float
+        Anisotropic probes of the filter.
+    filtered : int
+        Record of the picture as a whole, -1 where that is not looked up.
     """
 
     matrix: NDArray[np.float64]
@@ -69,6 +75,8 @@ class PinchmapConstants:
     page_classes: tuple[int, int]
     is_pinched: bool
     nested: bool
+    most: float
+    filtered: int
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -83,7 +91,12 @@ class PinchmapSlot(Slot):
         What shaders/pinchmap_fast.glsl is to know when compiled; 0 where it cannot serve.
     constants : (5, 4), coarser : (1, 4), line : (1, 4) float64
         Its varyings.
-    has_line, probes : bool
+    has_line, probes, warped : bool
+        Whether it is looked up by its own mip levels, with or without probes.
+    most : float
+        Probes of the filter.
+    filtered : FilterView or None
+        The picture as a whole, where that is looked up.
     """
 
     finest: int
@@ -93,6 +106,9 @@ class PinchmapSlot(Slot):
     line: NDArray[np.float64]
     has_line: bool
     probes: bool
+    warped: bool
+    most: float
+    filtered: FilterView | None
 
 
 def pinchmap_slot(
@@ -106,6 +122,8 @@ def pinchmap_slot(
     probes: bool,
     outside: bool,
     across: bool,
+    filtered: FilterView | None,
+    local_to_texels: NDArray[np.float64],
 ) -> PinchmapSlot:
     """Write the record and choose the way of the shader.
 
@@ -125,11 +143,17 @@ def pinchmap_slot(
         Anisotropic ones are taken.
     outside, across : bool
         Whether positions outside of the texture are seen, and whether what is displaced may be.
+    filtered : FilterView or None
+        The picture as a whole, where that is looked up.
+    local_to_texels : (3, 3) float64
+        As of `fexel.textures.kind.Slot`.
     """
     wrap_codes = [_WRAP_CODES.get(mode, 0) for mode in wrap]
     pages = _FLOAT_PAGE * (constants.page_classes[0] == FLOAT) + _HALF_PAGE * (constants.page_classes[1] == HALF)
     levels = len(constants.places)
-    fast = affine and not (deep or probes or constants.nested or levels > 2 or (outside and "black" in wrap))
+    fast = affine and not (
+        filtered or deep or probes or constants.nested or levels > 2 or (outside and "black" in wrap)
+    )
     codes = 1 + _TWO_LEVELS * (levels > 1) + _MINIFIED * minified + _LINE * (constants.line_width > 0) + pages
     codes += sum(
         (code if across and code != _WRAP_CODES["black"] else 0) << (6 + 2 * i) for i, code in enumerate(wrap_codes)
@@ -143,8 +167,12 @@ def pinchmap_slot(
         constants=_varyings(constants),
         coarser=constants.places[-1:],
         line=np.array([constants.line_color]),
+        local_to_texels=local_to_texels,
         has_line=constants.line_width > 0,
         probes=probes,
+        warped=constants.is_pinched or filtered is None,
+        most=constants.most,
+        filtered=filtered,
     )
 
 
@@ -184,7 +212,7 @@ def _record(constants: PinchmapConstants, codes: int) -> NDArray[np.float64]:
             [*size, *_folded(base, size, codes)],
             [*constants.texel_zero, codes, levels],
             constants.line_color,
-            [constants.octaves, 1.0 if constants.is_pinched else 0.0, 0.0, 0.0],
+            [constants.octaves, 1.0 if constants.is_pinched else 0.0, constants.filtered, constants.most],
         ]
     )
     return np.concatenate([header, constants.places])
@@ -211,12 +239,17 @@ def bind(slots: Sequence[PinchmapSlot], nested: Sequence[PinchmapSlot], room: in
         constants[number] = np.concatenate(parts)
     by_record = [slot for slot, code in zip(slots, codes, strict=True) if not code] + list(nested)
     classes = frozenset().union(*(slot.page_classes for slot in (*slots, *nested)))
+    views = [slot.filtered for slot in by_record if slot.filtered]
+    most = {slot.most for slot in by_record}
     defines: dict[str, int | str] = {
         "PINCHMAP_SLOTS": max(len(slots), 1),
         "PINCHMAP_FAST": int(bool(fast)),
         "PINCHMAP_RECORDS": int(bool(by_record)),
         "PINCHMAP_CONSTANTS": per_slot,
         "PINCHMAP_PROBES": int(any(slot.probes for slot in by_record)),
+        "PINCHMAP_MIXED": int(len(most) > 1),
+        "PINCHMAP_WARPED": int(any(slot.warped for slot in by_record)),
+        "PINCHMAP_FILTERED": int(bool(views)),
         "PINCHMAP_LINES": int(any(slot.has_line for slot in by_record)),
         "PINCHMAP_SNORM": int(SNORM in classes),
         "PINCHMAP_FLOAT": int(FLOAT in classes),
@@ -224,7 +257,11 @@ def bind(slots: Sequence[PinchmapSlot], nested: Sequence[PinchmapSlot], room: in
         "PINCHMAP_HALF": int(HALF in classes),
     }
     defines |= {f"PINCHMAP_CODES{number}": dict(enumerate(codes)).get(number, 0) for number in range(_CODED_SLOTS)}
-    uniforms: dict[str, NDArray] = {"pinchmapMaxProbes": np.array([[pool.anisotropy]])}
+    uniforms: dict[str, NDArray] = {
+        "pinchmapMaxProbes": np.array([[max(most, default=1.0)]]),
+        "pinchmapImageProbes": np.array([[pool.anisotropy]]),
+    }
     if slots:
         uniforms["pinchmapRecord"] = np.array([(slot.record, slot.finest, 0, 0) for slot in slots])
-    return Part(defines, uniforms, constants.reshape(-1, 4), records=bool(by_record))
+    shared = image_defines(views, pool, probes=True) if views else {}
+    return Part(defines, uniforms, constants.reshape(-1, 4), records=bool(by_record), shared=shared)

@@ -3,24 +3,31 @@
 Positions are in texels of the pinchmap, t up. Mip levels of the signal down to the resolution of the pinchmap are its
 own; coarser ones are averages of the picture. A texture without a usable pinchmap has one that displaces nothing, of
 the signal's own resolution.
+
+A filter that reads prefiltered images takes those of the picture as a whole, which has its discontinuities, where
+nothing is displaced any more; in between both lookups are blended as the displacement fades.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Hashable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fexel import homography
+from fexel.filters.view import FilterView
+from fexel.textures.image_source import decodes_vectors
+from fexel.textures.image_view import write_image_records
 from fexel.textures.index import build_tree
 from fexel.textures.kind import Sight
+from fexel.textures.layer_footprints import layer_footprints
 from fexel.textures.pinchmap import PinchmapData
 from fexel.textures.pinchmap_binding import PinchmapConstants, PinchmapSlot, bind, pinchmap_slot
-from fexel.textures.pinchmap_picture import PictureLevels, PictureSource
+from fexel.textures.pinchmap_picture import PictureImage, PictureImages, PictureLevels, PictureSource
 from fexel.textures.pinchmap_texels import CONSTANT, PinchmapTexels
-from fexel.textures.pool import TexturePool
+from fexel.textures.pool import TexelReader, TexturePool
 from fexel.textures.pyramid_cache import PyramidCache
 from fexel.textures.residency import MAX_LEVELS, PairView, view_pairs
 
@@ -33,6 +40,9 @@ _REACH = 1.5
 _DEEP = 7
 # Log2 of the texels that a pixel is wide where nothing is displaced any more: `pinchmap_segment.FADE_END`.
 _FADED = 1.0
+# Log2 of the texels that a pixel is wide where that begins (`pinchmap_segment.FADE_START`), less residency's margin.
+_FADING = -0.2
+_BY_LEVELS = ("mipmap", "anisotropic")
 # Far below a texel; a surface whose st end at 0 and 1 may exceed them by rounding.
 _ROUNDING = 1e-5
 
@@ -42,7 +52,8 @@ class _Images:
     """Numbers in the pool, and how they go together.
 
     `size` is that of the pinchmap, `octaves` K: the signal is 2^K as fine. `has_edges`: there is a pinchmap, whose
-    picture has the coarse levels. `is_pinched`: it is also read; where not, `pinchmap` displaces nothing.
+    picture has the coarse levels. `is_pinched`: it is also read; where not, `pinchmap` displaces nothing. `whole` is
+    the plain image that shows the same and who reads it, None for files.
     """
 
     pinchmap: int
@@ -52,6 +63,7 @@ class _Images:
     octaves: int
     has_edges: bool
     is_pinched: bool
+    whole: tuple[Hashable, TexelReader | None]
 
     def level(self, level: int) -> tuple[int, int]:
         """Image that has a mip level of the texture, and which of its own it is."""
@@ -71,6 +83,8 @@ class _PinchmapPlan:
     seen: PairView
     bounds: tuple[NDArray[np.float64], NDArray[np.float64]]
     wrap: tuple[str, str]
+    most: float
+    filtered: FilterView | None
 
     @property
     def layers_total(self) -> int:
@@ -86,6 +100,7 @@ class _PinchmapPlan:
         matrix = homography.normalize(self.sight.local_to_st[None])[0]
         shown = [images.level(level) for level in range(finest, coarsest + 1)]
         alpha = data.line_color[3]
+        record = write_image_records([self.filtered], pool)[0] if self.filtered else -1
         constants = PinchmapConstants(
             matrix=matrix * [*images.size, 1],
             nearest=self._nearest(),
@@ -102,6 +117,8 @@ class _PinchmapPlan:
             page_classes=(int(pool.page_class[images.pinchmap]), int(pool.page_class[images.signal])),
             is_pinched=images.is_pinched,
             nested=self.sight.nested,
+            most=self.most,
+            filtered=record,
         )
         # What is displaced, and samples just beside a triangle, may reach across the border.
         low, high = self.bounds
@@ -116,6 +133,8 @@ class _PinchmapPlan:
             probes=bool(seen.probes[0] > 1),
             outside=bool((low < -_ROUNDING).any() or (high > 1 + _ROUNDING).any()),
             across=bool((seen.low[0] < near).any() or (seen.high[0] > 1 - near).any()),
+            filtered=self.filtered,
+            local_to_texels=matrix * [*pool.facts(images.signal).size, 1],
         )
 
     def _levels_within(self, pool: TexturePool) -> tuple[int, int]:
@@ -148,19 +167,28 @@ def plan(data: PinchmapData, sight: Sight, pool: TexturePool) -> _PinchmapPlan:
     """What a view sees of a pinchmap; see `fexel.textures.kind.KindGpu`."""
     images = _images(data, sight.path, pool)
     sight = replace(sight, local_to_st=sight.local_to_st @ np.array(data.st_to_texture))
+    token = pool.filter(data.filter)
+    most = 1.0 if token == "mipmap" else pool.anisotropy
     matrix = homography.normalize(sight.local_to_st[None])
     bounds = homography.unit_square_bounds(matrix) if sight.nested else np.array([[-np.inf, -np.inf, np.inf, np.inf]])
     tree = build_tree(sight.pieces, matrix, bounds)
     facts = pool.facts(images.signal)
     size = np.array([facts.size], np.float64)
-    seen = view_pairs(tree, matrix, bounds, size, pool.anisotropy)
+    seen = view_pairs(tree, matrix, bounds, size, most)
     plain = view_pairs(tree, matrix, bounds, size, 1.0)
     if plain.lod_high[0] <= 0:  # nowhere is the longest axis of a pixel as long as a texel: nothing to probe
         seen = plain
+    faded = seen.lod_low[0] - images.octaves >= _FADED
+    fading = seen.lod_high[0] - images.octaves > _FADING if images.has_edges else plain.lod_high[0] > 0
+    filtered = None
+    if fading and token not in _BY_LEVELS:
+        filtered = _filtered(data, images, token, sight, bounds[0], pool)
     last = min(facts.last_level, MAX_LEVELS - 1)
     finest = int(np.floor(seen.lod_low[0]).clip(0, last))
     coarsest = int((np.floor(seen.lod_high[0]) + 1).clip(0, last))
-    if seen.lod_low[0] - images.octaves >= _FADED:
+    if filtered and (faded or not images.has_edges):
+        finest = coarsest  # is not seen
+    if faded:
         images = replace(
             images, pinchmap=pool.image(CONSTANT, sight.path, pool.reader(PinchmapTexels)), is_pinched=False
         )
@@ -170,7 +198,25 @@ def plan(data: PinchmapData, sight: Sight, pool: TexturePool) -> _PinchmapPlan:
         image, own = images.level(level)
         _ask(pool, image, own, uv)
     _ask(pool, images.pinchmap, 0, uv)
-    return _PinchmapPlan(data, sight, images, (finest, coarsest), seen, _bounds(sight), facts.wrap)
+    return _PinchmapPlan(data, sight, images, (finest, coarsest), seen, _bounds(sight), facts.wrap, most, filtered)
+
+
+def _filtered(
+    data: PinchmapData, images: _Images, token: str, sight: Sight, bounds: NDArray[np.float64], pool: TexturePool
+) -> FilterView | None:
+    """What is wanted of the picture as a whole; None where nothing is seen of it."""
+    source, reader = images.whole
+    size = pool.facts(pool.image(source, sight.path, reader)).size
+    matrix = homography.normalize(sight.local_to_st[None])[0]
+    seen = layer_footprints(sight.pieces, matrix, size, bounds)
+    if not len(seen.jacobian):
+        return None
+    vectors = decodes_vectors(data.signal.scale, data.signal.bias) and data.signal.color_space == "raw"
+    view = FilterView.of(
+        pool, source, sight.path, token, seen.jacobian, seen.low, seen.high, vectors=vectors, reader=reader
+    )
+    view.ask(pool)
+    return view
 
 
 def _bounds(sight: Sight) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -198,13 +244,15 @@ def _images(data: PinchmapData, path: str, pool: TexturePool) -> _Images:
     pinchmap = pool.image(source, path, reader)
     signal_size = np.array(pool.facts(number).size)
     if source is CONSTANT:
-        return _Images(pinchmap, number, number, signal_size, 0, has_edges=False, is_pinched=False)
+        whole = (signal, None)
+        return _Images(pinchmap, number, number, signal_size, 0, has_edges=False, is_pinched=False, whole=whole)
     size = np.array(pool.facts(pinchmap).size)
     octaves = int(signal_size[0] // size[0]).bit_length() - 1
     pictures = pool.reader(PictureLevels, cache, reader)
     picture = PictureSource(signal, source, data.line_width, data.line_color if data.line_width else (0.0,) * 4)
     coarse = pool.image(picture, path, pictures)
-    return _Images(pinchmap, number, coarse, size, octaves, has_edges=True, is_pinched=True)
+    whole = (PictureImage(picture), pool.reader(PictureImages, cache, reader))
+    return _Images(pinchmap, number, coarse, size, octaves, has_edges=True, is_pinched=True, whole=whole)
 
 
 def _upright(place: NDArray[np.float64], pool: TexturePool, image: int, size: NDArray[np.int64]) -> NDArray[np.float64]:

@@ -29,6 +29,7 @@ __all__ = [
     "decode_texels",
     "edge",
     "encode_texels",
+    "picture_image",
     "picture_levels",
     "pinch",
     "sample_pinchmap",
@@ -341,20 +342,71 @@ def picture_levels(
     height, width = pinchmap.shape[:2]
     same = next(number for number, level in enumerate(levels) if level.shape[:2] == (height, width))
     picture = np.array(levels[same], np.float32)
+    _average(picture, pinchmap, levels, _Ink(line_width, line_color), wrap)
+    return [*(np.asarray(level, np.float32) for level in levels[: same + 1]), *mipmaps.pyramid(picture)[1:]]
+
+
+def picture_image(
+    pinchmap: NDArray[np.floating],
+    signal: NDArray[np.floating],
+    *,
+    line_width: float = 0.0,
+    line_color: Sequence[float] = (0.0, 0.0, 0.0, 1.0),
+    wrap: tuple[str, str] = ("clamp", "clamp"),
+) -> NDArray[np.float32]:
+    """A pinchmapped texture as a plain image, as fine as its signal: what prefiltered images are made from.
+
+    Parameters
+    ----------
+    pinchmap : (Nh, Nw, 4)
+    signal : (2^K Nh, 2^K Nw, 4)
+        Linear, premultiplied.
+    line_width, line_color, wrap
+        As for `sample_pinchmap`.
+
+    Returns
+    -------
+    (2^K Nh, 2^K Nw, 4) float32
+        The signal where nothing is pinched, else averages of the picture over each texel.
+    """
+    picture = np.array(signal, np.float32)
+    _average(picture, pinchmap, [signal], _Ink(line_width, line_color), wrap)
+    return picture
+
+
+@dataclass(frozen=True)
+class _Ink:
+    """The line along discontinuities."""
+
+    width: float
+    color: Sequence[float]
+
+
+def _average(
+    picture: NDArray[np.float32],
+    pinchmap: NDArray[np.floating],
+    levels: Sequence[NDArray[np.floating]],
+    ink: _Ink,
+    wrap: tuple[str, str],
+) -> None:
+    """Replace the texels of cells where something is pinched by averages; `picture` is 2^K as fine as the pinchmap."""
+    height, width = pinchmap.shape[:2]
+    per_cell = picture.shape[1] // width
     lattice = Lattice(np.asarray(pinchmap, np.float64), wrap)
     row, column = np.nonzero(lattice.active_cells())
-    samples = _samples(len(row))
+    samples = max(_samples(len(row)), 2 * per_cell if per_cell > 1 else 1)
     inside = (np.arange(samples) + 0.5) / samples
     places = np.stack(np.meshgrid(inside, inside), -1).reshape(-1, 2)
     corners = np.stack([column, height - 1 - row], 1)
     axes = np.diag([1 / (width * samples), 1 / (height * samples)])
     half_texel = 0.5 * width / levels[0].shape[1]
-    for block in blocks(len(row), _POINTS // samples**2):
+    texels = picture.reshape(height, per_cell, width, per_cell, 4).swapaxes(1, 2)
+    for block in blocks(len(row), max(1, _POINTS // samples**2)):
         st = (corners[block, None, :] + places).reshape(-1, 2) / (width, height)
-        place = _pinched(lattice, st, half_texel, axes, 1.0, line_width)
-        color = _colored(place, levels, axes, line_width, line_color, wrap)
-        picture[row[block], column[block]] = color.reshape(-1, len(places), 4).mean(1)
-    return [*(np.asarray(level, np.float32) for level in levels[: same + 1]), *mipmaps.pyramid(picture)[1:]]
+        place = _pinched(lattice, st, half_texel, axes, 1.0, ink.width)
+        color = _colored(place, levels, axes, ink.width, ink.color, wrap)
+        each = color.reshape(-1, per_cell, samples // per_cell, per_cell, samples // per_cell, 4)
+        texels[row[block], column[block]] = each.mean(axis=(2, 4))[:, ::-1]
 
 
 def _major_axis(axes: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -33,6 +33,8 @@ class UmbrellaFeatures:
         Arrangements seen besides the finest.
     probes : bool
         Anisotropic ones are taken.
+    filtered : bool
+        Images of bases are looked up by a filter of their own.
     projective : bool
         Whether entries have a row for w.
     morphs, shadows, colors, alpha, coverages, vectors, scaled, outside, perspective : bool
@@ -42,6 +44,7 @@ class UmbrellaFeatures:
     merged: int
     picture: bool
     probes: bool
+    filtered: bool
     projective: bool
     morphs: bool
     shadows: bool
@@ -64,11 +67,14 @@ class UmbrellaSlot(Slot):
     images : tuple of ImageView
     constants : (N, 4) float64
         The part of the record that every pixel reads.
+    most : float
+        Anisotropic probes.
     """
 
     features: UmbrellaFeatures
     images: tuple[ImageView, ...]
     constants: NDArray[np.float64]
+    most: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,6 +115,8 @@ def umbrella_record(
     images: ImagePlaces,
     wrap: tuple[str, str],
     detail: tuple[int, int, int, int],
+    most: float,
+    filtered: bool,
 ) -> NDArray[np.float64]:
     """(11, 4), see shaders/umbrella.glsl.
 
@@ -124,6 +132,10 @@ def umbrella_record(
         Resolved.
     detail : (int, int, int, int)
         Coarser arrangements that follow, level of this one, level of the picture, 1 if there is one.
+    most : float
+        Anisotropic probes.
+    filtered : bool
+        Images of bases are looked up by a filter of their own.
     """
     arrangement = places.arrangement if places else data.arrangement
     layout = places.layout if places else Layout(0, 1, 1, False, arrangement.grid)
@@ -131,7 +143,14 @@ def umbrella_record(
     cells = np.array(layout.size)
     rows, base = _rows(sight, cells, wrap)
     vectors = data.vector_hand % 3  # 0, 1, and 2 where one of their axes runs backward
-    codes = WRAP_CODES[wrap[0]] + 4 * WRAP_CODES[wrap[1]] + 16 * bits[0] + 512 * bits[1] + 16384 * vectors
+    codes = (
+        WRAP_CODES[wrap[0]]
+        + 4 * WRAP_CODES[wrap[1]]
+        + 16 * bits[0]
+        + 512 * bits[1]
+        + 16384 * vectors
+        + 65536 * filtered
+    )
     return np.array(
         [
             [*rows[0], base[0]],
@@ -141,7 +160,7 @@ def umbrella_record(
             [layout.bins, layout.slices, arrangement.color_blend if bits[1] else 0.0, codes],
             [*(np.array(arrangement.shadow_offset) * cells), arrangement.shadow_strength, images.bases],
             [images.background, images.picture, images.texels, layout.stride],
-            [*rows[2], 0.0],
+            [*rows[2], most],
             detail,
             data.scale,
             data.bias,
@@ -182,10 +201,15 @@ def bind(slots: Sequence[UmbrellaSlot], nested: Sequence[UmbrellaSlot], room: in
         f"UMBRELLA_{name.upper()}": int(max(getattr(each, name) for each in features))
         for name in UmbrellaFeatures.__dataclass_fields__
     }
+    most = {slot.most for slot in everything}
+    defines["UMBRELLA_MIXED"] = int(len(most) > 1)
     defines |= {"UMBRELLA_SLOTS": max(len(slots), 1), "UMBRELLA_FLATS": flats, "UMBRELLA_CONSTANTS": CONSTANTS}
     images = [view for slot in everything for view in slot.images]
     shared = image_defines(images, pool, probes=any(each.probes for each in features))
-    uniforms: dict[str, NDArray] = {"umbrellaMaxProbes": np.array([[pool.anisotropy]])}
+    uniforms: dict[str, NDArray] = {
+        "umbrellaMaxProbes": np.array([[max(most)]]),
+        "umbrellaImageProbes": np.array([[pool.anisotropy]]),
+    }
     if slots:
         uniforms["umbrellaRecord"] = np.array([(slot.record, 0, 0, 0) for slot in slots])
     constants = np.concatenate([np.zeros((0, 4)), *(slot.constants[:CONSTANTS] for slot in slots[:flats])])

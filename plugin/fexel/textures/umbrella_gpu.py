@@ -34,6 +34,7 @@ from fexel.textures.umbrella_binding import (
 )
 from fexel.textures.umbrella_cells import fine_size
 from fexel.textures.umbrella_detail import Detail, LevelView, PictureView, detail_of
+from fexel.textures.umbrella_filtered import UmbrellaFilter
 from fexel.textures.umbrella_picture import PictureTexels, umbrella_cells
 from fexel.textures.umbrella_scales import texel_scales
 from fexel.textures.umbrella_texels import ArrangementSource, ArrangementTexels, ColorSource, Layout
@@ -70,6 +71,8 @@ class _UmbrellaPlan:
     drawn: tuple[_Drawn, ...]
     background: ImageView
     picture: ImageView | None
+    filter: UmbrellaFilter
+    filtered: bool
     probes: bool
     opaque: bool
     wrap: tuple[str, str]
@@ -106,19 +109,25 @@ class _UmbrellaPlan:
                     images=places,
                     wrap=self.wrap,
                     detail=(len(self.drawn) - 1, drawn.view.level if drawn else 0, *after),
+                    most=self.filter.most,
+                    filtered=self.filtered,
                 )
             )
             bases += texels * len(drawn.bases) if drawn else 0
         classes = {int(pool.page_class[view.image]) for view in images}
+        size = pool.facts(self.background.image).size
+        has_file = pool.facts(self.background.image).info is not None
         classes |= {FLOAT} if self.drawn else set()
         features = self._features()
         return UmbrellaSlot(
             kind="umbrella",
             page_classes=frozenset(classes | ({HALF} if features.colors else set())),
             record=pool.records.append(np.concatenate(records)),
+            local_to_texels=self.sight.local_to_st * [*(size if has_file else self.data.arrangement.grid), 1],
             features=features,
             images=tuple(images),
             constants=records[0],
+            most=self.filter.most,
         )
 
     def _features(self) -> UmbrellaFeatures:
@@ -129,6 +138,7 @@ class _UmbrellaPlan:
             merged=max(len(self.drawn) - 1, 0),
             picture=self.picture is not None,
             probes=self.probes,
+            filtered=self.filtered,
             projective=any(drawn.layout.stride > 3 for drawn in self.drawn),
             morphs=any(drawn.layout.morphs for drawn in self.drawn),
             shadows=any(arrangement.shadow_strength > 0 for arrangement in arrangements),
@@ -145,15 +155,20 @@ class _UmbrellaPlan:
 def plan(data: UmbrellaData, sight: Sight, pool: TexturePool) -> _UmbrellaPlan:
     """What a view sees of an umbrella texture; see `fexel.textures.kind.KindGpu`."""
     sight = replace(sight, local_to_st=sight.local_to_st @ np.array(data.st_to_texture))
-    seen = _seen(sight, data.arrangement.grid, pool.anisotropy)
+    token = pool.filter(data.filter)
+    most = 1.0 if token == "mipmap" else pool.anisotropy
+    seen = _seen(sight, data.arrangement.grid, most)
     low, high = float(seen.lod_low[0]), float(seen.lod_high[0])
     cache = pool.reader(PyramidCache)
     usable = {level.path for level in data.levels if level.image and _is_readable(level.image, level.path, cache)}
     number = pool.image(data.background, sight.path)
     wrap = _wrap(data, pool, number)
+    how = UmbrellaFilter(token, most, sight, "mirror" in wrap, data.turns_vectors)
+    left = 1.0 if how.of_levels else how.left(data.arrangement.grid)
     detail = detail_of(data, low, high, usable, wrap)
-    drawn = tuple(_drawn(data, view, low, sight.path, pool) for view in detail.levels)
-    background = _image_view(pool, number, data.arrangement.grid, (low, high))
+    drawn = tuple(_drawn(data, view, low, sight.path, (how, left), pool) for view in detail.levels)
+    background = how.whole(pool, data.background, sight.path) if drawn and left > 1 else None
+    background = background or _image_view(pool, number, data.arrangement.grid, (low, high))
     if drawn:
         background.ask(pool)
     return _UmbrellaPlan(
@@ -162,7 +177,9 @@ def plan(data: UmbrellaData, sight: Sight, pool: TexturePool) -> _UmbrellaPlan:
         detail,
         drawn,
         background,
-        _picture(detail.picture, data, (low, high), sight.path, pool) if detail.picture else None,
+        _picture(detail.picture, data, (low, high), sight.path, how, pool) if detail.picture else None,
+        filter=how,
+        filtered=bool(drawn) and left > 1,
         probes=bool(seen.probes[0] > 1),
         opaque=all(all(each.source.opaque) for each in drawn),
         wrap=wrap,
@@ -190,17 +207,29 @@ def _image_view(
 
 
 def _picture(
-    picture: PictureView, data: UmbrellaData, lods: tuple[float, float], path: str, pool: TexturePool
+    picture: PictureView,
+    data: UmbrellaData,
+    lods: tuple[float, float],
+    path: str,
+    how: UmbrellaFilter,
+    pool: TexturePool,
 ) -> ImageView:
+    path = picture.path or path
     reader = None if isinstance(picture.source, ImageSource) else pool.reader(PictureTexels, pool.reader(PyramidCache))
-    number = pool.image(picture.source, picture.path or path, reader)
-    view = _image_view(pool, number, data.arrangement.grid, lods, picture.bias)
+    number = pool.image(picture.source, path, reader)
+    filtered = None if how.of_levels else how.whole(pool, picture.source, path, reader)
+    view = filtered or _image_view(pool, number, data.arrangement.grid, lods, picture.bias)
     view.ask(pool)
     return view
 
 
-def _drawn(data: UmbrellaData, view: LevelView, low: float, path: str, pool: TexturePool) -> _Drawn:
-    """Ask for an arrangement and its bases; `low` is the least footprint, log2 of cells of the full grid per pixel."""
+def _drawn(
+    data: UmbrellaData, view: LevelView, low: float, path: str, how: tuple[UmbrellaFilter, float], pool: TexturePool
+) -> _Drawn:
+    """Ask for an arrangement and its bases; `low` is the least footprint, log2 of cells of the full grid per pixel.
+
+    `how` is the filter, and which ratio of axes it is to cover in images of bases.
+    """
     arrangement, reader, cache = view.arrangement, pool.reader(ArrangementTexels), pool.reader(PyramidCache)
     own_grid = np.log2(np.array(arrangement.grid) / data.arrangement.grid)
     until = view.until + own_grid.max()
@@ -219,10 +248,16 @@ def _drawn(data: UmbrellaData, view: LevelView, low: float, path: str, pool: Tex
         pool.image(shape.image, where) for shape, where in zip(arrangement.shapes, paths, strict=True) if shape.image
     ]
     scales = texel_scales(arrangement, [pool.facts(number).size for number in numbers])
-    bases = tuple(
-        ImageView.of(pool, number, low + own_grid.min() + least, until + most, BASE_IMAGE_BIAS)
-        for number, (least, most) in zip(numbers, scales, strict=True)
-    )
+    lods = [(low + own_grid.min() + least, until + most) for least, most in scales]
+    if how[1] > 1:
+        sources = [(shape.image, where) for shape, where in zip(arrangement.shapes, paths, strict=True) if shape.image]
+        bases = tuple(
+            how[0].base(pool, image, where, seen, how[1]) for (image, where), seen in zip(sources, lods, strict=True)
+        )
+    else:
+        bases = tuple(
+            ImageView.of(pool, number, *seen, BASE_IMAGE_BIAS) for number, seen in zip(numbers, lods, strict=True)
+        )
     for base in bases:
         base.ask(pool)
     return _Drawn(view, source, layout, texels, colors, bases)

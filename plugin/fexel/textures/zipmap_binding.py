@@ -8,13 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fexel.filters.view import FilterView
 from fexel.textures import kind_number
 from fexel.textures.image_view import image_defines
 from fexel.textures.kind import Part, Slot
 from fexel.textures.layer_list import LayerList
 from fexel.textures.page_format import HALF, SRGB
 from fexel.textures.pool import TexturePool
-from fexel.textures.zipmap_filtered import FilteredRoot, FilterView
+from fexel.textures.zipmap_filtered import FilteredRoot
 
 __all__ = ["ZipmapSlot", "bind"]
 

@@ -11,10 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-try:
-    from fexel.filters.view import FilterView
-except ImportError:
-    FilterView = None
+from fexel.filters.view import FilterView
 from fexel.textures.footprint import Footprint
 from fexel.textures.image_source import decodes_vectors
 from fexel.textures.index import LocalPieces

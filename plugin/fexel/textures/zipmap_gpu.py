@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fexel import homography
+from fexel.filters.view import FilterView
 from fexel.textures import gpu_half, kind_number
 from fexel.textures.image_view import write_image_records
 from fexel.textures.index import LocalPieces, Tree, build_tree
@@ -28,7 +29,6 @@ from fexel.textures.zipmap_filtered import (
     FILTERED_IMAGE,
     REACH,
     FilteredRoot,
-    FilterView,
     filtered_root,
     filtered_view,
     layer_filters,
