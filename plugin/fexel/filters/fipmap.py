@@ -4,8 +4,8 @@ The paper chooses, per polygon, the shear that brings the footprint's long axis 
 looks a ripmap up. Here it is chosen per pixel, from the Jacobian, and no two levels are ever interpolated (notes, F6).
 A pixel takes ``probes`` bilinear accesses of one level; 4 of them, 16 texels, by default:
 
-- *compact* footprints take the image's own mip levels: two by two accesses at the points of a Gauss quadrature, which
-  have the mean and the variance of a box; as footprints get longer, a row of four along the major axis;
+- *compact* footprints take the image's own mip levels: two rows of accesses, at places that have the mean and the
+  variance of a box (of 4 accesses, the points of a Gauss quadrature); of longer ones a zigzag along the major axis;
 - longer ones take a chain (`fexel.filters.chain`), of texels that are at least 1 / (2 probes + 1/4) of the footprint's
   length: 2 probes of these, each pair one access, on the line that the shear has left tilted.
 
@@ -27,8 +27,8 @@ __all__ = ["PROBES", "Choice", "Taps", "choose", "taps", "usable"]
 PROBES = 4
 """Bilinear accesses along the long axis by default."""
 
-COMPACT = 5.0
-"""Texels of its level below which a footprint is taken from the image's own mip levels."""
+COMPACT = 1.125
+"""Texels of its level, per access, below which a footprint is taken from the image's own mip levels."""
 
 OWN_TILT = (0.3, 0.68)
 """Tangents between which the image's own level is better than a chain of one octave, where it would do by length."""
@@ -36,11 +36,11 @@ OWN_TILT = (0.3, 0.68)
 HALF_TILT = (0.42, 0.68)
 """Tangents between which two octaves, for which there are shears of 1/2, are better than one, which has none."""
 
-ROUND = (2.3, 2.6)
-"""Ratios of axes between which two by two accesses become a row of four."""
+ROWS = (1.45, 1.6)
+"""Texels of its level, per two accesses, between which two rows side by side become a zigzag."""
 
-NARROW = 2.5
-"""Until the ratio of axes is so much more, the row is a zigzag."""
+NARROW = (0.8, 1.6)
+"""Texels of its level, per access, between which the zigzag becomes a line."""
 
 _CODES = np.full((2, 9), -1)  # of long axis, 4 k + 4
 for _code, _direction in enumerate(DIRECTIONS):
@@ -63,7 +63,7 @@ def choose(jacobian: _Floats, probes: int | _Ints = PROBES) -> Choice:
     rows = Rows.of(usable(jacobian))
     footprint = Footprint.of(rows.jacobian)
     own_level = short_level(footprint.minor)
-    compact = footprint.major < COMPACT * np.exp2(own_level)
+    compact = footprint.major < COMPACT * np.maximum(probes, PROBES) * np.exp2(own_level)
 
     axis = rows.long_axis()
     longest, tangent = rows.along(axis)
@@ -104,17 +104,15 @@ def taps(choice: Choice, xy: _Floats, jacobian: _Floats, extent: tuple[int, int]
     Returns
     -------
     Taps
-        T is the larger of `probes` and 4; what a pixel does not need has weight 0.
+        T is the larger of `probes` and 4, an even number; what a pixel does not need has weight 0.
     """
     chain = chain_taps(choice, xy, extent, probes)
-    own = own_taps(xy, _points(choice.level, Footprint.of(usable(jacobian))))
-    at = np.repeat(xy[:, None], max(probes, PROBES), axis=1)
-    weight = np.zeros(at.shape[:2])
+    own = own_taps(xy, _points(choice.level, Footprint.of(usable(jacobian)), max(probes, PROBES)))
     compact = choice.compact[:, None]
-    at[:, :probes], weight[:, :probes] = np.where(compact[..., None], xy[:, None], chain.at), ~compact * chain.weight
-    at[:, :PROBES] = np.where(compact[..., None], own.at, at[:, :PROBES])
-    weight[:, :PROBES] += compact * own.weight
-    return Taps(at, weight)
+    own.weight[:] *= compact
+    own.weight[:, :probes] += ~compact * chain.weight
+    own.at[:, :probes] = np.where(compact[..., None], own.at[:, :probes], chain.at)
+    return own
 
 
 def _octaves(needed: _Floats, tangent: _Floats) -> _Ints:
@@ -124,16 +122,17 @@ def _octaves(needed: _Floats, tangent: _Floats) -> _Ints:
     return np.where(own, 0, np.where(halves, np.maximum(needed, 2), 1)).astype(np.int64)
 
 
-def _points(level: _Ints, footprint: Footprint) -> _Floats:
-    """(K, 4, 2) offsets of compact footprints from their centre, texels of level 0."""
-    major, minor = np.maximum(footprint.major, FLOOR), np.maximum(footprint.minor, FLOOR)
-    ratio = major / minor
-    row = np.clip((ratio - ROUND[0]) / (ROUND[1] - ROUND[0]), 0, 1)[:, None]
-    narrow = row * np.clip((ratio - ROUND[1]) / NARROW, 0, 1)[:, None]
-    boxes = (4.0**level - 1) / 4  # variance that the level has beyond level 0, texels^2
-    along, across = (np.sqrt(np.maximum(axis**2 / 12 - boxes, 0))[:, None] for axis in (major, minor))
-    alpha = (1 - row) * along * [-1, -1, 1, 1] + row * major[:, None] * [-0.375, -0.125, 0.125, 0.375]
-    beta = (1 - narrow) * across * [1, -1, 1, -1]
-    direction = footprint.direction / major[:, None]
+def _points(level: _Ints, footprint: Footprint, count: int) -> _Floats:
+    """(K, count, 2) offsets of compact footprints from their centre, texels of level 0; `count` is even."""
+    major, minor = (np.maximum(axis, FLOOR)[:, None] for axis in (footprint.major, footprint.minor))
+    spacing = major * np.exp2(-level)[:, None] / count
+    zigzag = np.clip((2 * spacing - ROWS[0]) / (ROWS[1] - ROWS[0]), 0, 1)
+    narrow = zigzag * np.clip((spacing - NARROW[0]) / (NARROW[1] - NARROW[0]), 0, 1)
+    boxes = (4.0 ** level[:, None] - 1) / 4  # variance that the level has beyond level 0, texels^2
+    along, across = (np.sqrt(np.maximum(axis**2 / 12 - boxes, 0)) for axis in (major, minor))
+    columns = np.repeat(np.arange(count // 2) + 0.5 - count / 4, 2)
+    alpha = (1 - zigzag) * along * (columns / columns.std()) + zigzag * major * ((np.arange(count) + 0.5) / count - 0.5)
+    beta = (1 - narrow) * across * np.tile([1.0, -1.0], count // 2)
+    direction = footprint.direction / major
     normal = np.stack([-direction[:, 1], direction[:, 0]], 1)
     return alpha[..., None] * direction[:, None] + beta[..., None] * normal[:, None]
