@@ -18,10 +18,12 @@ import numpy as np
 from pxr import Sdf, Usd
 
 from fexel.errors import FexelError, FexelWarning
+from fexel.filters.minification import minification_of_prim
 from fexel.stage import open_stage
 from fexel.textures import extract_texture
+from fexel.textures.image_source import toned
 from fexel_tools.bake_files import PACKAGE, check_package, collect_files, packaged_output
-from fexel_tools.bake_network import is_own, make_explicit, remove_own, texture_roots
+from fexel_tools.bake_network import is_own, make_explicit, remove_own, texture_roots, tone_plain
 from fexel_tools.baking import Storage, TextureBaker, texture_baker
 from fexel_tools.fallback import write_picture
 from fexel_tools.progress import Progress, silent
@@ -121,6 +123,7 @@ def bake_stage(
             baked.append(_bake(texture, staged.textures / name, size, image_format, time))
             step("textures", number + 1, len(textures))
         if not prim:
+            tone_plain(flat, _time(time))
             remove_own(flat)
         collect_files(flat.GetRootLayer(), staged.textures, is_package=_is_package(out))
         if not flat.GetRootLayer().Export(str(staged.stage)):
@@ -197,16 +200,25 @@ def _bake(texture: Usd.Prim, stem: Path, size: int | None, image_format: str, ti
     prim_path = str(texture.GetPath())
     if time is None:
         _warn_of_motion(texture)
-    kind, data = extract_texture(texture, Usd.TimeCode.EarliestTime() if time is None else time)
+    kind, data = extract_texture(texture, _time(time))
     baker = texture_baker(kind, data, prim_path)
     storage, extension = _stored(baker.storage, image_format)
     picture = baker.bake(*_size(baker, size))
     _warn_of_loss(picture, baker.storage, extension, prim_path)
     file = stem.with_name(f"{stem.name}.{extension}")
     write_picture(file, picture, storage.color_space, storage.dtype)
-    make_explicit(texture, str(file), storage.color_space, storage.scale, storage.bias)
+    asked = minification_of_prim(texture, _time(time))
+    if asked.attenuates:
+        warnings.warn(
+            f"{prim_path}: a picture cannot fade with distance; it is baked unfaded", FexelWarning, stacklevel=3
+        )
+    make_explicit(texture, str(file), storage.color_space, *toned(storage.scale, storage.bias, asked))
     height, width = picture.shape[:2]
     return BakedTexture(prim_path, file.name, (width, height), os.path.getsize(file))
+
+
+def _time(time: float | None) -> Usd.TimeCode:
+    return Usd.TimeCode.EarliestTime() if time is None else Usd.TimeCode(time)
 
 
 def _size(baker: TextureBaker, size: int | None) -> tuple[int, int]:

@@ -10,12 +10,15 @@ from __future__ import annotations
 from pxr import Gf, Sdf, Tf, Usd, UsdShade
 
 from fexel.errors import FexelError
+from fexel.filters.minification import minification_of_prim
 from fexel.images import image_info
 from fexel.schema.definition import base_types
 from fexel.schema.wrapper import is_a
+from fexel.textures.image_source import BIAS_ZERO, SCALE_ONE, toned
+from fexel.textures.inputs import Inputs
 from fexel_tools.fallback_coordinates import author_coordinates
 
-__all__ = ["is_own", "make_explicit", "remove_own", "texture_roots"]
+__all__ = ["is_own", "make_explicit", "remove_own", "texture_roots", "tone_plain"]
 
 _OUTPUT_TYPES = {
     "rgb": Sdf.ValueTypeNames.Float3,
@@ -56,8 +59,8 @@ def make_explicit(
     texture: Usd.Prim,
     file: str,
     color_space: str,
-    scale: tuple[float, ...] = (1.0, 1.0, 1.0, 1.0),
-    bias: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0),
+    scale: tuple[float, ...] = SCALE_ONE,
+    bias: tuple[float, ...] = BIAS_ZERO,
 ) -> None:
     """Turn a texture prim into a UsdUVTexture on the stage's root layer, which holds all there is of it.
 
@@ -85,14 +88,36 @@ def make_explicit(
     shader.CreateInput("st", Sdf.ValueTypeNames.Float2).ConnectToSource(coordinates)
     for name, mode in wraps.items():
         shader.CreateInput(name, Sdf.ValueTypeNames.Token).Set(mode)
-    if tuple(scale) != (1.0, 1.0, 1.0, 1.0):
+    if tuple(scale) != SCALE_ONE:
         shader.CreateInput("scale", Sdf.ValueTypeNames.Float4).Set(Gf.Vec4f(*scale))
-    if tuple(bias) != (0.0, 0.0, 0.0, 0.0):
+    if tuple(bias) != BIAS_ZERO:
         shader.CreateInput("bias", Sdf.ValueTypeNames.Float4).Set(Gf.Vec4f(*bias))
     if missing_color is not None:
         shader.CreateInput("fallback", Sdf.ValueTypeNames.Float4).Set(missing_color)
     for name, type_name in _OUTPUT_TYPES.items():
         shader.CreateOutput(name, type_name)
+
+
+def tone_plain(stage: Usd.Stage, time: Usd.TimeCode) -> None:
+    """Contrast and brightness that plain UsdUVTexture shaders have at a time, as their scale and bias.
+
+    Parameters
+    ----------
+    stage : Usd.Stage
+        Flattened.
+    time : Usd.TimeCode
+    """
+    for prim in stage.TraverseAll():
+        asked = minification_of_prim(prim, time)
+        if not asked.toned:
+            continue
+        inputs = Inputs(prim, time)
+        values = toned(inputs.vector("scale", SCALE_ONE), inputs.vector("bias", BIAS_ZERO), asked)
+        for name, value in zip(("scale", "bias"), values, strict=True):
+            shader_input = UsdShade.Shader(prim).CreateInput(name, Sdf.ValueTypeNames.Float4)
+            shader_input.GetAttr().Clear()
+            shader_input.ClearSources()
+            shader_input.Set(Gf.Vec4f(*value))
 
 
 def remove_own(stage: Usd.Stage) -> None:

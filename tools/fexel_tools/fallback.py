@@ -28,7 +28,9 @@ import numpy as np
 from pxr import Gf, Sdf, Usd, UsdShade
 
 from fexel.errors import FexelError
+from fexel.filters.minification import minification_of_prim
 from fexel.textures import extract_texture
+from fexel.textures.image_source import toned
 from fexel_tools.baking import TextureBaker, texture_baker
 from fexel_tools.color_bleed import bleed_color
 from fexel_tools.fallback_coordinates import READER_NAME, author_coordinates
@@ -107,7 +109,9 @@ def write_fallback(
     elif storage.color_space == "raw":
         path = path.with_suffix(".png")
     write_picture(path, baker.bake(*baker.size(size)), storage.color_space, storage.dtype)
-    author(texture_prim, path, color_space=storage.color_space, scale=storage.scale, bias=storage.bias)
+    asked = minification_of_prim(texture_prim, _time(time))
+    scale, bias = toned(storage.scale, storage.bias, asked)
+    author(texture_prim, path, color_space=storage.color_space, scale=scale, bias=bias)
     return path
 
 
@@ -156,8 +160,12 @@ def author(
 def _baker(texture_prim: Usd.Prim, size: int, time: Usd.TimeCode | float | None) -> TextureBaker:
     if size < 1:
         raise FexelError(f"{texture_prim.GetPath()}: fallback size is {size}, expected at least 1 pixel")
-    kind, data = extract_texture(texture_prim, Usd.TimeCode.Default() if time is None else time)
+    kind, data = extract_texture(texture_prim, _time(time))
     return texture_baker(kind, data, str(texture_prim.GetPath()))
+
+
+def _time(time: Usd.TimeCode | float | None) -> Usd.TimeCode:
+    return Usd.TimeCode.Default() if time is None else Usd.TimeCode(time)
 
 
 def write_picture(path: Path, rgba: np.ndarray, color_space: str, dtype: str, *, is_photo: bool = False) -> None:
