@@ -19,6 +19,12 @@ def _numpy_errors_raise():
         yield
 
 
+@pytest.fixture(autouse=True)
+def _no_cache_on_disk(monkeypatch):
+    """Nothing beside the stages and photos that tests draw."""
+    monkeypatch.setenv("FEXEL_CACHE", "0")
+
+
 @pytest.fixture
 def rng():
     return np.random.default_rng(20100504)

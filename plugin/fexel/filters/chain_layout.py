@@ -11,6 +11,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
+from numpy.typing import NDArray
+
 from fexel import mipmaps
 from fexel.filters.shears import DIRECTIONS, Direction
 
@@ -138,3 +140,10 @@ class ChainLayout:
         """Texels of all cells with their borders."""
         first, rows, columns = self.places[self.cells[-1]]
         return first + rows * columns
+
+    def cells_in(self, block: NDArray) -> dict[tuple[int, int], NDArray]:
+        """By cell: (h + 2, w + 2, 4), rows and columns of the image with a border of one texel; of (total, 4)."""
+        return {
+            cell: block[first : first + rows * columns].reshape(rows, columns, 4)
+            for cell, (first, rows, columns) in self.places.items()
+        }

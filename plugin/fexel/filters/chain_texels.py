@@ -5,16 +5,27 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Hashable
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fexel.filters.chain import Chain
 from fexel.filters.chain_build import build_chains
+from fexel.filters.chain_cache import (
+    MAPPED_BYTES,
+    ChainFile,
+    DamagedChainError,
+    cache_folders,
+    draft_chains,
+    find_chains,
+)
+from fexel.filters.chain_key import chain_key
 from fexel.filters.chain_layout import ChainLayout
 from fexel.filters.unit_vectors import unit_vectors
 from fexel.textures.atlas import Box
+from fexel.textures.image_source import BIAS_ZERO, SCALE_ONE, ImageSource
 from fexel.textures.kept_texels import KeptTexels
 from fexel.textures.page_format import HALF
 from fexel.textures.page_texels import decode_page, encode_page, texel_items
@@ -25,6 +36,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Cells", "ChainTexels", "cells"]
 
+_LEAST_BYTES = 2**20  # of a file: less is made again as fast as it is found
 _DTYPES = {4: np.uint8, 8: np.float16, 16: np.float32}  # by the bytes of a texel
 
 Cells = dict[tuple[int, int], NDArray]
@@ -55,7 +67,12 @@ class ChainTexels:
     def window(self, chain: Chain, path: str, level: int, box: Box) -> NDArray:
         """Texels of a window with its border; see `ChainLayout` for what is in a level."""
         facts, layout = self._layout(chain, path)
-        texels = self._made(chain, path, facts, layout)[layout.cell(chain.octaves, level)]
+        cell = layout.cell(chain.octaves, level)
+        try:
+            texels = self._made(chain, path, facts, layout)[cell]
+        except DamagedChainError:
+            self._keep(chain, layout, *self._build(chain, path, facts, layout))
+            texels = self._made(chain, path, facts, layout)[cell]
         return np.ascontiguousarray(texels[box[1] : box[3] + 2, box[0] : box[2] + 2])
 
     def _reader(self, chain: Chain) -> TexelReader:
@@ -66,30 +83,62 @@ class ChainTexels:
         facts = self._reader(chain).facts(chain.image, path)
         return facts, ChainLayout.of(chain.direction, facts.size, facts.wrap, chain.octaves)
 
-    def _made(self, chain: Chain, path: str, facts: ImageFacts, layout: ChainLayout) -> Cells:
-        key: Hashable = (ChainTexels, chain.image, chain.direction, chain.vectors, layout.octaves)
-        made = self._kept.get(key)
-        if made is None:
-            made = self._build(chain, path, facts, layout)
-            self._kept.keep(key, made, sum(texels.nbytes for texels in made.values()))
+    def _made(self, chain: Chain, path: str, facts: ImageFacts, layout: ChainLayout) -> Cells | ChainFile:
+        made = self._kept.get(_name(chain, layout))
+        if made is not None:
+            return made
+        folders, key = self._on_disk(chain, facts, layout)
+        found = find_chains(folders, key, layout, _dtype(facts)) if key else None
+        made, nbytes = (found, MAPPED_BYTES) if found else self._build(chain, path, facts, layout)
+        return self._keep(chain, layout, made, nbytes)
+
+    def _keep(self, chain: Chain, layout: ChainLayout, made: Cells | ChainFile, nbytes: int) -> Cells | ChainFile:
+        self._kept.keep(_name(chain, layout), made, nbytes)
         return made
 
-    def _build(self, chain: Chain, path: str, facts: ImageFacts, layout: ChainLayout) -> Cells:
-        made = _empty(layout, np.float16 if facts.page_class == HALF else np.uint8)
+    def _on_disk(self, chain: Chain, facts: ImageFacts, layout: ChainLayout) -> tuple[list[Path], bytes | None]:
+        """Folders and key; of small images, and of those that are not files, none."""
+        source = chain.image
+        if not isinstance(source, ImageSource) or not isinstance(self._reader(chain), PyramidCache):
+            return [], None
+        if facts.info is None or layout.total * 4 * _dtype(facts).itemsize < _LEAST_BYTES:
+            return [], None
+        folders = cache_folders(source.file)
+        return folders, chain_key(source, facts, layout, _vectors(chain, facts)) if folders else None
+
+    def _build(self, chain: Chain, path: str, facts: ImageFacts, layout: ChainLayout) -> tuple[Cells, int]:
+        """Cells, and how much memory they take."""
+        folders, key = self._on_disk(chain, facts, layout)
+        draft = draft_chains(folders, key, layout, _dtype(facts)) if key else None
+        if draft is None:
+            made = layout.cells_in(np.empty((layout.total, 4), _dtype(facts)))
+            self._fill(chain, path, facts, layout, made)
+            return made, layout.total * 4 * _dtype(facts).itemsize
+        try:
+            self._fill(chain, path, facts, layout, draft.cells)
+        except BaseException:
+            draft.discard()
+            raise
+        reader = self._reader(chain)
+        if isinstance(reader, PyramidCache) and reader.is_replaced(cast("ImageSource", chain.image)):
+            draft.discard()  # of a file that could not be read
+        else:
+            draft.finish()
+        return draft.cells, MAPPED_BYTES
+
+    def _fill(self, chain: Chain, path: str, facts: ImageFacts, layout: ChainLayout, made: Cells) -> None:
         reader, lock = self._reader(chain), threading.Lock()
+        vectors = _vectors(chain, facts)
 
         def read(box: Box) -> NDArray:
             with lock:
                 return reader.window(chain.image, path, 0, box)[1:-1, 1:-1]
 
-        lines = _lines_of(read, layout)
-        coded = _coded_vectors(chain, facts)
-
         def encode(texels: NDArray[np.float32]) -> NDArray:
-            return encode_page(unit_vectors(texels, coded) if chain.vectors else texels, facts.page_class)
+            return encode_page(unit_vectors(texels, vectors == "coded") if vectors else texels, facts.page_class)
 
-        build_chains(layout, lambda *span: decode_page(lines(*span), facts.page_class), encode, made)
-        return made
+        lines = _lines_of(read, layout)
+        build_chains(layout, lambda first, end: decode_page(lines(first, end), facts.page_class), encode, made)
 
 
 def cells(
@@ -108,7 +157,7 @@ def cells(
         rgb holds (v + 1) / 2 of unit vectors v.
     """
     layout = ChainLayout.of(direction, (image.shape[1], image.shape[0]), wrap)
-    made = _empty(layout, np.float32)
+    made = layout.cells_in(np.empty((layout.total, 4), np.float32))
 
     def read(box: Box) -> NDArray[np.float32]:
         return image[box[1] : box[3], box[0] : box[2]].astype(np.float32)
@@ -117,20 +166,22 @@ def cells(
     return layout, made
 
 
-def _coded_vectors(chain: Chain, facts: ImageFacts) -> bool:
-    """Whether colours hold (v + 1) / 2: of a file of integers whose values are used as they are."""
+def _name(chain: Chain, layout: ChainLayout) -> Hashable:
+    return ChainTexels, chain.image, chain.direction, chain.vectors, layout.octaves
+
+
+def _dtype(facts: ImageFacts) -> np.dtype:
+    return np.dtype(np.float16 if facts.page_class == HALF else np.uint8)
+
+
+def _vectors(chain: Chain, facts: ImageFacts) -> str:
+    """``coded`` where colours hold (v + 1) / 2: of a file of integers whose values are used as they are."""
+    if not chain.vectors:
+        return ""
     source: Any = chain.image
-    changed = getattr(source, "scale", None), getattr(source, "bias", None)
-    as_they_are = changed in ((None, None), ((1.0,) * 4, (0.0,) * 4))
-    return as_they_are and (facts.info is None or facts.info.dtype.startswith("uint"))
-
-
-def _empty(layout: ChainLayout, dtype: Any) -> Cells:
-    block = np.empty((layout.total, 4), dtype)
-    return {
-        cell: block[first : first + rows * columns].reshape(rows, columns, 4)
-        for cell, (first, rows, columns) in layout.places.items()
-    }
+    changed = getattr(source, "scale", SCALE_ONE), getattr(source, "bias", BIAS_ZERO)
+    integers = facts.info is None or facts.info.dtype.startswith("uint")
+    return "coded" if changed == (SCALE_ONE, BIAS_ZERO) and integers else "as they are"
 
 
 def _lines_of(read: Callable[[Box], NDArray], layout: ChainLayout) -> Callable[[int, int], NDArray]:

@@ -69,6 +69,7 @@ class PyramidCache:
         self._facts: dict[ImageSource, ImageFacts] = {}
         self._kept = kept or KeptTexels()
         self._damaged: set[ImageSource] = set()
+        self._replaced: set[ImageSource] = set()
         self._warned: set[str] = set()
 
     def facts(self, source: ImageSource, path: str) -> ImageFacts:
@@ -133,6 +134,10 @@ class PyramidCache:
             texels = _without_rim(texels, inner, (width, height))
         return bordered(texels, box, (width, height), facts.wrap)
 
+    def is_replaced(self, source: ImageSource) -> bool:
+        """Whether the fallback has stood in for texels that could not be read, for all that was read so far."""
+        return source in self._replaced
+
     def _read(
         self, source: ImageSource, facts: ImageFacts, path: str, level: int, box: tuple[int, int, int, int]
     ) -> NDArray:
@@ -165,6 +170,7 @@ class PyramidCache:
                 return _encoded_levels(self._strips(source, facts.info, path), facts, first)
             except FexelError as error:
                 self._warn(path, str(error))
+                self._replaced.add(source)
         r, g, b, a = source.fallback
         width, height = facts.size
         row = np.broadcast_to(np.array([r * a, g * a, b * a, a], np.float32), (1, width, 4))
