@@ -11,6 +11,9 @@ A pixel takes ``probes`` bilinear accesses of one level; 4 of them, 16 texels, b
 
 How wide the footprint is across decides the level, how long it is the octaves, and these how finely there are
 directions (`fexel.filters.shears.Direction.octaves`).
+
+What a pixel shows is the mean over it, as a box; `GAUSS_PROBES` accesses also do for a Gaussian of a standard deviation
+of half a pixel, which the elliptical weighted average takes (`fexel.filters.ewa`).
 """
 
 from __future__ import annotations
@@ -18,17 +21,34 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from fexel.filters.lookup import FLOOR, Choice, Rows, Taps, chain_taps, octaves_needed, own_taps, short_level, usable
+from fexel.filters.lookup import (
+    FLOOR,
+    Choice,
+    Rows,
+    Taps,
+    chain_taps,
+    gauss_octaves_needed,
+    octaves_needed,
+    own_taps,
+    short_level,
+    usable,
+)
 from fexel.filters.shears import DIRECTIONS
 from fexel.textures.footprint import Footprint
 
-__all__ = ["PROBES", "Choice", "Taps", "choose", "taps", "usable"]
+__all__ = ["GAUSS_PROBES", "PROBES", "Choice", "Taps", "choose", "taps", "usable"]
 
 PROBES = 4
 """Bilinear accesses along the long axis by default."""
 
+GAUSS_PROBES = 5
+"""Accesses along the long axis that a Gaussian takes by default."""
+
 COMPACT = 1.125
 """Texels of its level, per access, below which a footprint is taken from the image's own mip levels."""
+
+GAUSS_COMPACT = 2.0
+"""As `COMPACT`, of a Gaussian: altogether."""
 
 OWN_TILT = (0.3, 0.68)
 """Tangents between which the image's own level is better than a chain of one octave, where it would do by length."""
@@ -50,7 +70,7 @@ _Floats = NDArray[np.float64]
 _Ints = NDArray[np.int64]
 
 
-def choose(jacobian: _Floats, probes: int | _Ints = PROBES) -> Choice:
+def choose(jacobian: _Floats, probes: int | _Ints = PROBES, *, gauss: bool = False) -> Choice:
     """Level, octaves and direction of pixels.
 
     Parameters
@@ -59,17 +79,20 @@ def choose(jacobian: _Floats, probes: int | _Ints = PROBES) -> Choice:
         d(texel)/d(pixel) at level 0, y down, column j per pixel along x, y; any values.
     probes : int or (K,) int
         Accesses along the long axis.
+    gauss : bool
+        Weighted by a Gaussian of a standard deviation of half a pixel, not by the box of a pixel.
     """
     rows = Rows.of(usable(jacobian))
     footprint = Footprint.of(rows.jacobian)
     own_level = short_level(footprint.minor)
-    compact = footprint.major < COMPACT * np.maximum(probes, PROBES) * np.exp2(own_level)
+    largest = GAUSS_COMPACT if gauss else COMPACT * np.maximum(probes, PROBES)
+    compact = footprint.major < largest * np.exp2(own_level)
 
     axis = rows.long_axis()
     longest, tangent = rows.along(axis)
-    sides = rows.sides(axis)
     level = short_level(rows.area / longest)
-    octaves = _octaves(octaves_needed(sides, level, probes), np.abs(tangent))
+    needed = gauss_octaves_needed(longest, level, probes) if gauss else octaves_needed(rows.sides(axis), level, probes)
+    octaves = _octaves(needed, np.abs(tangent))
     steps = np.array([1.0, 1.0, 2.0, 4.0])[np.minimum(octaves, 3)]
     shear = np.where(octaves == 0, 0.0, -np.round(tangent * steps) / steps)
     axis = np.where(np.abs(shear) == 1, 1, axis)  # 1 of x is 1 of y
@@ -87,7 +110,15 @@ def choose(jacobian: _Floats, probes: int | _Ints = PROBES) -> Choice:
     )
 
 
-def taps(choice: Choice, xy: _Floats, jacobian: _Floats, extent: tuple[int, int], probes: int = PROBES) -> Taps:
+def taps(
+    choice: Choice,
+    xy: _Floats,
+    jacobian: _Floats,
+    extent: tuple[int, int],
+    probes: int = PROBES,
+    *,
+    gauss: bool = False,
+) -> Taps:
     """The accesses of pixels.
 
     Parameters
@@ -100,19 +131,24 @@ def taps(choice: Choice, xy: _Floats, jacobian: _Floats, extent: tuple[int, int]
     extent : (int, int)
         Width and height of the image, twice along an axis that is mirrored.
     probes : int
+    gauss : bool
 
     Returns
     -------
     Taps
-        T is the larger of `probes` and 4, an even number; what a pixel does not need has weight 0.
+        T is the larger of `probes` and 4; what a pixel does not need has weight 0.
     """
-    chain = chain_taps(choice, xy, extent, probes)
-    own = own_taps(xy, _points(choice.level, Footprint.of(usable(jacobian)), max(probes, PROBES)))
+    footprint = Footprint.of(usable(jacobian))
+    chain = chain_taps(choice, xy, extent, probes, gauss)
+    own = own_taps(xy, _gauss_points(footprint) if gauss else _points(choice.level, footprint, _even(probes)))
     compact = choice.compact[:, None]
-    own.weight[:] *= compact
-    own.weight[:, :probes] += ~compact * chain.weight
-    own.at[:, :probes] = np.where(compact[..., None], own.at[:, :probes], chain.at)
-    return own
+    at = np.repeat(xy[:, None], max(probes, PROBES), axis=1)
+    weight = np.zeros(at.shape[:2])
+    for part, taken in ((chain, ~compact), (own, compact)):
+        count = part.weight.shape[1]
+        at[:, :count] = np.where(taken[..., None], part.at, at[:, :count])
+        weight[:, :count] += taken * part.weight
+    return Taps(at, weight)
 
 
 def _octaves(needed: _Floats, tangent: _Floats) -> _Ints:
@@ -120,6 +156,18 @@ def _octaves(needed: _Floats, tangent: _Floats) -> _Ints:
     own = (needed <= 0) & (tangent > OWN_TILT[0]) & (tangent < OWN_TILT[1])
     halves = (needed > 1) | (tangent > HALF_TILT[0]) & (tangent < HALF_TILT[1])
     return np.where(own, 0, np.where(halves, np.maximum(needed, 2), 1)).astype(np.int64)
+
+
+def _even(probes: int) -> int:
+    return max(probes - probes % 2, PROBES)
+
+
+def _gauss_points(footprint: Footprint) -> _Floats:
+    """(K, 4, 2) offsets of compact footprints: a standard deviation to either side along both axes."""
+    normal = np.stack([-footprint.direction[:, 1], footprint.direction[:, 0]], 1)
+    normal = normal * (footprint.minor / np.maximum(footprint.major, FLOOR))[:, None]
+    signs = np.array([(-1, -1), (-1, 1), (1, -1), (1, 1)])
+    return 0.5 * (signs[:, :1] * footprint.direction[:, None] + signs[:, 1:] * normal[:, None])
 
 
 def _points(level: _Ints, footprint: Footprint, count: int) -> _Floats:

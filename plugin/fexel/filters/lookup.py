@@ -15,7 +15,18 @@ from numpy.typing import NDArray
 
 from fexel.filters.shears import DIRECTIONS
 
-__all__ = ["FLOOR", "Choice", "Rows", "Taps", "chain_taps", "octaves_needed", "own_taps", "short_level", "usable"]
+__all__ = [
+    "FLOOR",
+    "Choice",
+    "Rows",
+    "Taps",
+    "chain_taps",
+    "gauss_octaves_needed",
+    "octaves_needed",
+    "own_taps",
+    "short_level",
+    "usable",
+]
 
 LIFT = 1.5
 """Texels of a level that the short side of a footprint spans at least, beyond level 0."""
@@ -142,12 +153,17 @@ def octaves_needed(sides: _Floats, level: _Ints, probes: int | _Ints) -> _Floats
     return np.ceil(np.log2((sides[:, 0] + RAMP * sides[:, 1]) / (2.0 * probes + SLACK))) - level
 
 
+def gauss_octaves_needed(length: _Floats, level: _Ints, probes: int | _Ints) -> _Floats:
+    """As `octaves_needed`, for a Gaussian of a standard deviation of half of `length`; 2 to either side count."""
+    return np.ceil(np.log2(np.maximum(length, FLOOR) / probes)) - level
+
+
 def own_taps(at: _Floats, offsets: _Floats) -> Taps:
     """Accesses of equal weights at (K, T, 2) offsets from (K, 2) places."""
     return Taps(at[:, None] + offsets, np.full(offsets.shape[:2], 1 / offsets.shape[1]))
 
 
-def chain_taps(choice: Choice, xy: _Floats, extent: tuple[int, int], probes: int) -> Taps:
+def chain_taps(choice: Choice, xy: _Floats, extent: tuple[int, int], probes: int, gauss: bool = False) -> Taps:
     """Accesses along the long axis.
 
     Parameters
@@ -160,26 +176,34 @@ def chain_taps(choice: Choice, xy: _Floats, extent: tuple[int, int], probes: int
         Width and height of the image, twice along an axis that is mirrored.
     probes : int
         T.
+    gauss : bool
+        Weighted by a Gaussian of a standard deviation of half a pixel, not by the box of a pixel.
     """
     axis = np.array([direction.long_axis for direction in DIRECTIONS])[choice.direction]
     shear = np.array([direction.shear for direction in DIRECTIONS])[choice.direction]
     size = np.array(extent)[axis]
     texel = size / np.maximum(size >> np.minimum(choice.octaves + choice.level, 62), 1)
     center = xy[np.arange(len(xy)), axis]
-    place, weight = _boxes(center / texel, choice.length / texel[:, None], probes)
-    along = place * texel[:, None] - center[:, None]
+    first = np.round(center / texel - probes)[:, None] + 0.5 + 2.0 * np.arange(probes) - (center / texel)[:, None]
+    height = _gauss if gauss else _trapezoid
+    left, right = (height(first + next_, choice.length / texel[:, None]) for next_ in (0, 1))
+    weight = left + right
+    share = np.divide(right, weight, out=np.zeros_like(right), where=weight > 0)
+    along = (first + share) * texel[:, None]
     # What the moved axis gains by the shear, a place in the image that is not moved has not.
     across = (choice.tilt - shear)[:, None] * along
     offset = np.where((axis == 0)[:, None, None], np.stack([along, across], 2), np.stack([across, along], 2))
-    return Taps(xy[:, None] + offset, weight)
+    return Taps(xy[:, None] + offset, weight / weight.sum(axis=1, keepdims=True))
 
 
-def _boxes(middle: _Floats, length: _Floats, probes: int) -> tuple[_Floats, _Floats]:
-    """Places of accesses along the long axis, (K, probes), and their weights; all in texels of the cell."""
+def _trapezoid(at: _Floats, length: _Floats) -> _Floats:
+    """Its height in the middle of texels, 0 to 1: (K, T) and the two boxes' lengths (K, 2) in texels of the cell."""
     ramp = np.maximum(length[:, 1:], 1.0)
     half = 0.5 * (np.maximum(length[:, :1], 1.0) + ramp)
-    first = np.round(middle[:, None] - probes) + 2.0 * np.arange(probes)
-    left, right = (np.clip((half - np.abs(first + at - middle[:, None])) / ramp, 0, 1) for at in (0.5, 1.5))
-    weight = left + right
-    share = np.divide(right, weight, out=np.zeros_like(right), where=weight > 0)
-    return first + 0.5 + share, weight / weight.sum(axis=1, keepdims=True)
+    return np.clip((half - np.abs(at)) / ramp, 0, 1)
+
+
+def _gauss(at: _Floats, length: _Floats) -> _Floats:
+    """As `_trapezoid`; narrower by the variance of a texel, which is a box."""
+    variance = np.maximum(0.25 * np.sum(length**2, axis=1, keepdims=True) - 1 / 12, 0.01)
+    return np.exp(-0.5 * at**2 / variance)

@@ -70,8 +70,8 @@ class FilterTwin:
         jacobian : (M, 2, 2) float64
             d(texel)/d(pixel), column j per pixel along x, y; any values.
         **options
-            ``probes`` of anisotropic (at most, default 16) and fipmap (along the long axis, default 4); of ewa and auto
-            those of their ``sample``.
+            ``probes`` of anisotropic (at most, default 16) and fipmap (along the long axis, default 4); ``gauss`` of
+            fipmap (see `fexel.filters.fipmap.taps`; default 5 probes); of ewa and auto those of their ``sample``.
 
         Returns
         -------
@@ -90,23 +90,23 @@ class FilterTwin:
         xy = np.nan_to_num(np.asarray(xy, np.float64))
         jacobian = np.asarray(jacobian, np.float64)
         if token in ("ripmap", "fipmap"):
-            return self._chained(token, xy, jacobian, **options)
+            return (self._ripmap if token == "ripmap" else self._fipmap)(xy, jacobian, **options)
         if token == "auto":
             return auto.sample(self, xy, jacobian, **options)
         own = {"mipmap": mipmap.sample, "anisotropic": anisotropic.sample, "ewa": ewa.sample}[token]
         return own(self.levels, self.own_wrap, xy, jacobian, **options)
 
-    def _chained(self, token: str, xy: _Floats, jacobian: _Floats, probes: int = fipmap.PROBES) -> _Result:
-        if token == "ripmap":
-            choice = ripmap.choose(jacobian)
-            taps = ripmap.taps(choice, xy, self.extent)
-        else:
-            choice = fipmap.choose(jacobian, probes)
-            taps = fipmap.taps(choice, xy, jacobian, self.extent, probes)
-        return self.look_up(choice, taps), np.full(len(xy), 4 * taps.weight.shape[1])
+    def _ripmap(self, xy: _Floats, jacobian: _Floats) -> _Result:
+        choice = ripmap.choose(jacobian)
+        return self.look_up(choice, ripmap.taps(choice, xy, self.extent))
 
-    def look_up(self, choice: Choice, taps: Taps) -> _Floats:
-        """The accesses of pixels, weighted: (M, 4)."""
+    def _fipmap(self, xy: _Floats, jacobian: _Floats, probes: int | None = None, gauss: bool = False) -> _Result:
+        probes = probes or (fipmap.GAUSS_PROBES if gauss else fipmap.PROBES)
+        choice = fipmap.choose(jacobian, probes, gauss=gauss)
+        return self.look_up(choice, fipmap.taps(choice, xy, jacobian, self.extent, probes, gauss=gauss))
+
+    def look_up(self, choice: Choice, taps: Taps) -> _Result:
+        """The accesses of pixels, weighted, (M, 4), and texels fetched, (M,), those of no weight included."""
         values = np.zeros((len(taps.at), 4))
         keys = np.stack([np.where(choice.octaves > 0, choice.direction, -1), choice.octaves, choice.level], 1)
         for key in np.unique(keys, axis=0):
@@ -115,7 +115,7 @@ class FilterTwin:
                 used = pixels[taps.weight[pixels, tap] > 0]
                 if len(used):
                     values[used] += taps.weight[used, tap, None] * self._access(*key, taps.at[used, tap])
-        return values
+        return values, np.full(len(values), 4 * taps.weight.shape[1])
 
     def _access(self, direction: int, octaves: int, level: int, at: _Floats) -> _Floats:
         if octaves == 0:
