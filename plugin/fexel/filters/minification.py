@@ -15,8 +15,6 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
 from pxr import Usd
 
 from fexel.filters import DEFAULT_FILTER, FILTERS, PORTABLE_FILTERS
@@ -62,17 +60,6 @@ class Minification:
     def attenuates(self) -> bool:
         """Whether distance does."""
         return math.isfinite(self.attenuation_distance)
-
-    def tone(self, color: NDArray[np.floating]) -> NDArray[np.floating]:
-        """Contrast and brightness of premultiplied rgba (..., 4), linear: ``s c + o a``; alpha stays."""
-        if not self.toned:
-            return color
-        rgb = self.contrast * color[..., :3] + self.brightness * color[..., 3:]
-        return np.concatenate([rgb, color[..., 3:]], axis=-1).astype(color.dtype)
-
-    def remains(self, distance: NDArray[np.floating] | float) -> NDArray[np.floating]:
-        """What is left of the texture at a distance >= 0 in scene units, in [0, 1]."""
-        return np.exp(-np.asarray(distance, np.float64) / self.attenuation_distance)
 
 
 NO_MINIFICATION = Minification()
