@@ -66,6 +66,7 @@ vec4 pinchmap_fast_sample(int slot, vec2 st, vec2 dstdx, vec2 dstdy, out float l
         vec4 toCoarser = PINCHMAP_CONSTANT(slot, 5);
         color = mix(color, pinchmap_signal(place * toCoarser.xy + toCoarser.zw, isHalf), clamp(blend, 0.0, 1.0));
     }
+    LOOKUP_COUNT((codes & 2) != 0 ? 12.0 : 8.0);
     if ((codes & 8) != 0) {
         float coverage = pinch_line(texel, position, gradient, dx, dy, sizes.z, y.w, footprint);
         color = pinchmap_over(color, PINCHMAP_CONSTANT(slot, PINCHMAP_CONSTANTS - 1), coverage);

@@ -168,6 +168,9 @@ vec4 pinchmap_record_sample(int record, vec2 st, vec2 dstdx, vec2 dstdy, out flo
         along += weight;
     } while (along < 0.5);
     sum *= weight;
+    LOOKUP_COUNT(12.0 / weight);
+#else
+    LOOKUP_COUNT(12.0);
 #endif
 #endif
 #if PINCHMAP_FILTERED

@@ -30,6 +30,7 @@
 #include "texture_data.glsl"
 #include "common_footprint.glsl"
 #include "common_wrap.glsl"
+#include "lookup_counts.glsl"
 #include "image.glsl"
 #include "umbrella_search.glsl"
 #include "umbrella_compose.glsl"

@@ -30,6 +30,8 @@ UmbrellaLook umbrella_look(vec2 cells, vec4 pages, vec4 tables, vec4 shadow, vec
 
 #if UMBRELLA_DRAWN
 
+#define UMBRELLA_ACCESS (IMAGE_LEVELS > 1 ? 8.0 : 4.0)
+
 // Coverage left below which nothing further back can change an 8-bit result.
 const float UMBRELLA_OPAQUE = 1.0 / 2048.0;
 
@@ -118,6 +120,9 @@ vec3 umbrella_light(UmbrellaLook look, vec2 cell, UmbrellaPlace place, vec3 numb
         UmbrellaTexel texel = umbrella_texel_place(look, at.shape, hit.sector, hit.place, hit.slope);
         float level;
         coverage *= umbrella_image(look, texel, umbrella_image_record(look, texel.image), level).a;
+#if !UMBRELLA_FILTERED
+        LOOKUP_COUNT(running ? UMBRELLA_ACCESS : 0.0);
+#endif
 #endif
         clear *= 1.0 - (running ? coverage : 0.0) * step(vec3(at.number + 0.5), numbers);
         tries++;
@@ -259,6 +264,9 @@ vec4 umbrella_compose(UmbrellaLook look, vec2 relative, vec2 base, vec2 dx, vec2
             at.image = isBackground ? 0.0 : at.image;
             float level;
             vec4 texel = umbrella_image(look, at, record, level);
+#if !UMBRELLA_FILTERED
+            LOOKUP_COUNT(weight > 0.0 ? UMBRELLA_ACCESS : 0.0);
+#endif
             float index = first.what.y;
 #if UMBRELLA_COLORS
             float begin = isBackground ? 0.0 : first.what.y;

@@ -68,6 +68,7 @@ void zipmap_list_layer(int slot, int layer, int codes, bool isRoot, vec2 st, flo
     vec4 sampled = zipmap_list_texel(uv, ZIPMAP_CONSTANT(layer, 2), isHalf, isRoot);
     if ((codes & 1) != 0)
         sampled = mix(sampled, zipmap_list_texel(uv, ZIPMAP_CONSTANT(layer, 3), isHalf, isRoot), clamp(level, 0.0, 1.0));
+    LOOKUP_COUNT(covers ? (codes & 1) != 0 ? 8.0 : 4.0 : 0.0);
     bool first = blend.clear == 1.0 && covers && sampled.a > 0.0;
     vec4 numbers = zipmapNumbers[layer];
     blend.lod = first ? numbers.y + ((codes & 1) != 0 ? level : 0.0) : blend.lod;

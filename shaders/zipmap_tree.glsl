@@ -114,6 +114,9 @@ vec4 zipmap_tree_sample(int slot, vec2 st, vec2 dstdx, vec2 dstdy, out float lod
     int next = leaf.x;
     int top = leaf.x;
     float topLod = 0.0;
+#if LOOKUP_COUNTS && (ZIPMAP_FILTERED || ZIPMAP_MIXED)
+    float topFilter = lookupFilter;
+#endif
     do {
         // Search: the next layer that covers st.
         vec4 rowX, rowY, rowW;
@@ -161,11 +164,11 @@ vec4 zipmap_tree_sample(int slot, vec2 st, vec2 dstdx, vec2 dstdy, out float lod
         int coarsest = (codes >> 4) & 15;
         int pageClass = codes >> 8;
         float opacity = 2.0 * (rowW.w - float(codes));
-#if LOOKUP_COUNTS
-        float running = clear > ZIPMAP_OPAQUE && left >= 0 ? 1.0 : 0.0;  // a pixel that has left the loop counts nothing
-#endif
-#if ZIPMAP_FILTERED || ZIPMAP_MIXED || defined(ZIPMAP_OTHER_KINDS)
+#if LOOKUP_COUNTS || ZIPMAP_FILTERED || ZIPMAP_MIXED || defined(ZIPMAP_OTHER_KINDS)
         vec4 names = record_fetch(record + 3);
+#endif
+#if LOOKUP_COUNTS
+        float accesses = names.y == 0.0 && clear > ZIPMAP_OPAQUE ? 1.0 : 0.0;  // none of a pixel that has left the loop
 #endif
 #if !ZIPMAP_PLAIN
         vec4 sampled = vec4(0.0);
@@ -207,15 +210,20 @@ vec4 zipmap_tree_sample(int slot, vec2 st, vec2 dstdx, vec2 dstdy, out float lod
             along += weight;
         } while (along < 0.5);
         sampled *= weight;
+#if LOOKUP_COUNTS
+        accesses /= weight;
+#endif
 #else
         vec4 sampled = mix(zipmap_texel(place, size, fineLevel, pageClass), zipmap_texel(place, size, coarseLevel, pageClass), blend);
 #endif
 #endif
+        LOOKUP_COUNT(accesses * (ZIPMAP_LEVELS > 1 || ZIPMAP_PROBES == 1 ? 8.0 : 4.0));
 #if ZIPMAP_FILTERED
         if (int(names.y) == ZIPMAP_FILTERED_IMAGE) {
+            Image image = image_open(int(names.z));
             vec2 toUv = vec2(1.0, -1.0) / size;
-            sampled = image_filter(image_open(int(names.z)), vec2(0.0, 1.0) + texel * toUv, dx * toUv, dy * toUv,
-                                   zipmapImageProbes, level);
+            LOOKUP_FILTER(image.filterCode);
+            sampled = image_filter(image, vec2(0.0, 1.0) + texel * toUv, dx * toUv, dy * toUv, zipmapImageProbes, level);
         }
 #endif
 #ifdef ZIPMAP_OTHER_KINDS
@@ -223,11 +231,18 @@ vec4 zipmap_tree_sample(int slot, vec2 st, vec2 dstdx, vec2 dstdy, out float lod
 #endif
         bool first = clear == 1.0 && sampled.a > 0.0;
         top = first ? record : top;
+#if LOOKUP_COUNTS && (ZIPMAP_FILTERED || ZIPMAP_MIXED)
+        float used = int(names.y) == ZIPMAP_FILTERED_IMAGE ? lookupFilter : names.y > 0.0 ? topFilter : names.w > 1.0 ? 1.0 : 0.0;
+        topFilter = first ? used : topFilter;
+#endif
         topLod = first ? level : topLod;
         color += (mapped.z > 0.0 ? clear * opacity : 0.0) * sampled;
         clear = 1.0 - color.a;
     } while (left > 0 && clear > ZIPMAP_OPAQUE);
     lod = topLod;
+#if LOOKUP_COUNTS && (ZIPMAP_FILTERED || ZIPMAP_MIXED)
+    LOOKUP_FILTER(topFilter);
+#endif
     patchIndex = record_fetch(top + 3).x;
     return color;
 }

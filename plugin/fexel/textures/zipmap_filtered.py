@@ -29,7 +29,7 @@ REACH = 2.0
 and nothing lies beyond the border of a patch."""
 
 _BY_LEVELS = ("mipmap", "anisotropic")
-_MAGNIFIED = 0.85  # texels per pixel, less than one by residency's margin: every filter is bilinear there
+_MAGNIFIED = 0.5  # texels per pixel, far below which every filter is bilinear, as far as can be seen
 
 
 @dataclass(frozen=True, eq=False)
