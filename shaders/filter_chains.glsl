@@ -1,12 +1,13 @@
 // Lookups in chains of prefiltered images (fexel/filters/chain.py). Included by image.glsl, for ripmap and fipmap.
-// Provides ChainRows, chain_rows, chain_level, chain_octaves, ChainExtent, chain_extent, ChainPlace, chain_place, chain_access,
+// Provides ChainRows, chain_rows, chain_level, chain_octaves, ChainExtent, chain_extent, ChainCell, chain_cell, chain_access,
 // ChainBoxes, chain_boxes, chain_box. Twin of fexel/filters/lookup.py.
 //
 // A footprint is moved along a direction (fexel/filters/shears.py). A cell of that direction has texels that are 2^level
-// wide along the axis that is moved, and 2^octaves longer along the other one, the long axis.
+// wide along the axis that is moved, and 2^octaves longer along the other one, the long axis. Vectors of what is moved have
+// the long axis first; places are in periods of the cell, or parts of it where it does not repeat.
 //
-// Defines: IMAGE_ACCESSES bilinear accesses of a lookup; IMAGE_WRAPS 0 where all images clamp; IMAGE_MIRROR 1 where any is
-// mirrored. The table of an image is described in fexel/filters/chain_table.py.
+// Defines: IMAGE_ACCESSES bilinear accesses of a lookup; IMAGE_WRAPS, IMAGE_ENDS, IMAGE_MIRROR 1 where any image repeats along
+// an axis, ends there, or is mirrored. The table of an image is described in fexel/filters/chain_table.py.
 #if defined(IMAGE_LEVELS) && IMAGE_CHAINS
 
 const float CHAIN_LARGEST = 1e9;    // texels per pixel: more, or not a number, is the whole image
@@ -14,7 +15,7 @@ const float CHAIN_LARGEST = 1e9;    // texels per pixel: more, or not a number, 
 const float CHAIN_LIFT = 1.5;
 const float CHAIN_RAMP = 0.5;
 const float CHAIN_SLACK = 0.25;
-const float CHAIN_FLOOR = 1e-30;    // keeps logarithms and quotients finite where the Jacobian is 0
+const float CHAIN_FLOOR = 1e-30;
 
 // Rows of the Jacobian in texels of level 0, x right and y down (how much x and y change per pixel along x and y), their
 // squares and product, and the area of the footprint.
@@ -31,16 +32,32 @@ ChainRows chain_rows(Image image, vec2 dx, vec2 dy)
 {
     vec2 x = vec2(dx.x, dy.x) * image.size.x;
     vec2 y = vec2(dx.y, dy.y) * -image.size.y;
-    bool fits = all(lessThan(abs(vec4(x, y)), vec4(CHAIN_LARGEST)));
+    bool fits = abs(x.x) + abs(x.y) + abs(y.x) + abs(y.y) < CHAIN_LARGEST;
     x = fits ? x : vec2(CHAIN_LARGEST, 0.0);
     y = fits ? y : vec2(0.0, CHAIN_LARGEST);
     return ChainRows(x, y, dot(x, x), dot(y, y), dot(x, y), abs(x.x * y.y - x.y * y.x));
 }
 
-// The coarsest level of which a width in texels of level 0 is CHAIN_LIFT texels at least.
-float chain_level(float across)
+// floor(log2(x)) and ceil(log2(x)), exactly, of x > 0.
+int chain_log2_floor(float x)
 {
-    return max(floor(log2(max(across, CHAIN_FLOOR) / CHAIN_LIFT)), 0.0);
+    return (floatBitsToInt(x) >> 23) - 127;
+}
+
+int chain_log2_ceil(float x)
+{
+    return ((floatBitsToInt(x) - 1) >> 23) - 126;
+}
+
+float chain_exp2(int x)
+{
+    return intBitsToFloat((x + 127) << 23);
+}
+
+// The coarsest level of which a width in texels of level 0 is CHAIN_LIFT texels at least.
+int chain_level(float width)
+{
+    return max(chain_log2_floor(max(width, CHAIN_FLOOR) * (1.0 / CHAIN_LIFT)), 0);
 }
 
 vec2 chain_sides(ChainRows rows, bool alongX)
@@ -50,9 +67,9 @@ vec2 chain_sides(ChainRows rows, bool alongX)
 }
 
 // By how many octaves a texel must be longer than wide, for so many accesses to do; may be negative.
-float chain_octaves(vec2 sides, float level, float accesses)
+int chain_octaves(vec2 sides, int level, float accesses)
 {
-    return ceil(log2(max(sides.x + CHAIN_RAMP * sides.y, CHAIN_FLOOR) / (2.0 * accesses + CHAIN_SLACK))) - level;
+    return chain_log2_ceil(max(sides.x + CHAIN_RAMP * sides.y, CHAIN_FLOOR) / (2.0 * accesses + CHAIN_SLACK)) - level;
 }
 
 // What a footprint measures once it is moved along a direction of the table.
@@ -62,97 +79,127 @@ struct ChainExtent {
     float shear;
     bool alongX;
     int cells;        // of the direction, in the record texture
-    float fewest;     // octaves that it has
+    int fewest;       // octaves that it has
 };
 
 // quarters: 4 times the shear that is asked for.
-ChainExtent chain_extent(Image image, ChainRows rows, bool alongX, float quarters)
+ChainExtent chain_extent(Image image, ChainRows rows, bool alongX, int quarters)
 {
-    vec4 entry = record_fetch(int(image.table.x) + (alongX ? 4 : 13) + int(quarters));
+    int table = int(image.table.x);
+    vec4 entry = record_fetch(table + (alongX ? 4 : 13) + quarters);
     alongX = entry.w > 0.0;
-    vec2 sides = chain_sides(rows, alongX);
     float tangent = rows.xy / max(alongX ? rows.xx : rows.yy, CHAIN_FLOOR);
-    return ChainExtent(sides, tangent + entry.x, entry.x, alongX, int(image.table.w) + int(entry.y), entry.z);
+    return ChainExtent(chain_sides(rows, alongX), tangent + entry.x, entry.x, alongX, table + int(entry.y), int(entry.z));
 }
 
-// A place in a cell: (along the long axis, along the moved one), in texels of the cell.
-struct ChainPlace {
+struct ChainCell {
     vec2 at;          // of the pixel
-    vec2 scale;       // texels of the cell per texel of level 0
-    vec2 begin;       // page texels of the cell's first texel
-    vec2 end;         // of the cell, where it does not repeat
-    vec2 period;      // after which it repeats; 0 where it does not
-    float jump;       // of the moved axis, per texel along the long one
-    bvec2 folds;      // mirrored: the second half of a period is the first one, reversed
+    vec2 texel;       // periods per texel of level 0
+    float count;      // texels of the cell in a period of the long axis
+    vec2 begin;       // page coordinates of the cell's first texel
+    vec2 size;        // and of a period
+    float jump;       // periods of the moved axis per period of the long one
     bool alongX;
+#if IMAGE_ENDS
+    bvec2 ends;       // where it does not repeat
+    vec2 halfTexel;   // of the cell
+#endif
+#if IMAGE_MIRROR
+    bvec2 folds;      // the second half of a period is the first one, reversed
+#endif
 };
 
-ChainPlace chain_place(Image image, vec2 uv, ChainExtent extent, float octaves, float level)
+ChainCell chain_cell(Image image, vec2 uv, ChainExtent extent, int octaves, int level)
 {
     int codes = int(image.table.y);
     int levels = (codes >> 4) & 15;
-    int row = int(clamp(octaves, extent.fewest, float(codes >> 8))) * levels;
-    vec4 cell = record_fetch(extent.cells + row + clamp(int(min(level, 15.0)) - (codes & 15), 0, levels - 1));
-    vec2 size = extent.alongX ? image.size : image.size.yx;
-    vec2 position = vec2(abs(uv.x) < CHAIN_LARGEST ? uv.x : 0.0, abs(uv.y) < CHAIN_LARGEST ? 1.0 - uv.y : 0.0);
-    position = extent.alongX ? position : position.yx;
-    vec2 period = vec2(0.0);
-    float lines = size.x;
-#if IMAGE_WRAPS
-    // Whole periods are left out before anything is multiplied.
+    int row = clamp(octaves, extent.fewest, codes >> 8) * levels;
+    vec4 place = record_fetch(extent.cells + row + clamp(level - (codes & 15), 0, levels - 1));
+    bool alongX = extent.alongX;
+    vec2 unit = alongX ? image.table.zw : image.table.wz;
+    ChainCell cell;
+    cell.alongX = alongX;
+    cell.size = place.xy;
+    cell.begin = place.zw;
+    cell.count = place.x / unit.x;
+    vec2 at = vec2(uv.x, 1.0 - uv.y);
+    vec2 size = image.size;
+#if IMAGE_ENDS || IMAGE_MIRROR
     ivec2 modes = ivec2(image.codes >> 10, image.codes >> 12) & 3;
-    modes = extent.alongX ? modes : modes.yx;
-    period = vec2(modes.x == WRAP_REPEAT ? 1.0 : modes.x == WRAP_MIRROR ? 2.0 : 0.0,
-                  modes.y == WRAP_REPEAT ? 1.0 : modes.y == WRAP_MIRROR ? 2.0 : 0.0);
-    position -= period * floor(position / max(period, vec2(0.5)));
-    lines *= max(period.x, 1.0);
 #endif
-    position *= size;
-    float padding = extent.shear * (lines - 1.0);    // of the moved axis, where it does not repeat
-    float before = period.y > 0.0 ? 0.0 : ceil(max(-padding, 0.0));
-    vec2 at = vec2(position.x, position.y + extent.shear * (position.x - 0.5) + before) * cell.xy;
-    vec2 end = vec2(size.x, size.y + ceil(abs(padding))) * cell.xy + 0.5;
-    bvec2 folds = bvec2(extent.shear == 0.0 && period.x == 2.0, extent.shear == 0.0 && period.y == 2.0);
-    return ChainPlace(at, cell.xy, cell.zw, end, period * size * cell.xy, extent.shear * cell.y / cell.x, folds, extent.alongX);
+#if IMAGE_MIRROR
+    vec2 halves = vec2(modes.x == WRAP_MIRROR ? 2.0 : 1.0, modes.y == WRAP_MIRROR ? 2.0 : 1.0);
+    at /= halves;
+    size *= halves;
+    bvec2 mirrored = alongX ? bvec2(modes.x == WRAP_MIRROR, modes.y == WRAP_MIRROR) : bvec2(modes.y == WRAP_MIRROR, modes.x == WRAP_MIRROR);
+    cell.folds = bvec2(mirrored.x && extent.shear == 0.0, mirrored.y && extent.shear == 0.0);
+#endif
+    at = alongX ? at : at.yx;
+    size = alongX ? size : size.yx;
+    vec2 whole = floor(at);    // left out before anything is multiplied
+#if IMAGE_ENDS
+    bvec2 ends = bvec2(modes.x == WRAP_CLAMP || modes.x == WRAP_BLACK, modes.y == WRAP_CLAMP || modes.y == WRAP_BLACK);
+    cell.ends = alongX ? ends : ends.yx;
+    whole = vec2(cell.ends.x ? 0.0 : whole.x, cell.ends.y ? 0.0 : whole.y);
+#endif
+    at -= whole;
+    at = vec2(abs(at.x) < CHAIN_LARGEST ? at.x : 0.0, abs(at.y) < CHAIN_LARGEST ? at.y : 0.0);
+#if IMAGE_ENDS
+    cell.halfTexel = 0.5 * unit / place.xy;
+    at.y *= size.y;
+    float pad = extent.shear * (size.x - 1.0);    // of the moved axis, where it does not repeat
+    at.y += cell.ends.y ? ceil(max(-pad, 0.0)) : 0.0;
+    size.y += cell.ends.y ? ceil(abs(pad)) : 0.0;
+    cell.texel = 1.0 / size;
+    at.y *= cell.texel.y;
+#else
+    cell.texel = 1.0 / size;
+#endif
+    cell.jump = extent.shear * size.x * cell.texel.y;
+    cell.at = vec2(at.x, at.y + cell.jump * at.x - 0.5 * extent.shear * cell.texel.y);
+    return cell;
 }
 
 // One bilinear access; its moved coordinate is as if the long one needed no wrapping.
-vec4 chain_access(Image image, ChainPlace cell, vec2 at)
+vec4 chain_access(Image image, ChainCell cell, vec2 at)
 {
-    vec2 place = at;
-#if IMAGE_WRAPS
-    vec2 inverse = 1.0 / max(cell.period, vec2(1e-6));    // 1e-6: where nothing repeats, what follows is not used
-    place.x = cell.period.x > 0.0 ? place.x - cell.period.x * floor(place.x * inverse.x) : clamp(place.x, -0.5, cell.end.x);
-    place.y -= cell.jump * (at.x - place.x);
-    place.y = cell.period.y > 0.0 ? place.y - cell.period.y * floor(place.y * inverse.y) : clamp(place.y, -0.5, cell.end.y);
+    float whole = floor(at.x);
+#if IMAGE_ENDS
+    whole = cell.ends.x ? at.x - clamp(at.x, -cell.halfTexel.x, 1.0 + cell.halfTexel.x) : whole;
+#endif
+    at -= vec2(1.0, cell.jump) * whole;
+#if IMAGE_ENDS
+    at.y = cell.ends.y ? clamp(at.y, -cell.halfTexel.y, 1.0 + cell.halfTexel.y) : at.y - floor(at.y);
 #else
-    place.x = clamp(place.x, -0.5, cell.end.x);
-    place.y = clamp(place.y - cell.jump * (at.x - place.x), -0.5, cell.end.y);
+    at.y -= floor(at.y);
 #endif
 #if IMAGE_MIRROR
-    place.x = cell.folds.x ? min(place.x, cell.period.x - place.x) : place.x;
-    place.y = cell.folds.y ? min(place.y, cell.period.y - place.y) : place.y;
+    at.x = cell.folds.x ? min(at.x, 1.0 - at.x) : at.x;
+    at.y = cell.folds.y ? min(at.y, 1.0 - at.y) : at.y;
 #endif
-    vec2 page = cell.begin + place;
-    return image_page(image, 2.0 * image_half_texel(image) * (cell.alongX ? page : page.yx));
+    vec2 page = cell.begin + cell.size * at;
+    return image_page(image, cell.alongX ? page : page.yx);
 }
 
 // A trapezoid along the long axis: of the footprint, convolved with a texel. Two neighbouring texels are one access.
 struct ChainBoxes {
     float reach;      // from its middle to where it ends, in lengths of such an end
     float ramp;       // by how much each end falls per texel of the cell
-    float first;      // centre of the first texel, from the middle
-    float lean;       // tilt, in texels of the cell
+    float first;      // centre of the first texel, from the middle, in texels of the cell
+    vec2 step;        // periods per texel of the cell
 };
 
-ChainBoxes chain_boxes(ChainPlace cell, ChainExtent extent, float accesses)
+ChainBoxes chain_boxes(ChainCell cell, ChainExtent extent, float accesses)
 {
-    vec2 sides = max(extent.sides * cell.scale.x, vec2(1.0));
-    return ChainBoxes(0.5 * (sides.x + sides.y) / sides.y, 1.0 / sides.y, round(cell.at.x - accesses) + 0.5 - cell.at.x,
-                      extent.tilt * cell.scale.y / cell.scale.x);
+    float scale = cell.texel.x * cell.count;
+    vec2 sides = max(extent.sides * scale, vec2(1.0));
+    float ramp = 1.0 / sides.y;
+    float middle = cell.at.x * cell.count;
+    return ChainBoxes(0.5 * sides.x * ramp + 0.5, ramp, floor(middle - accesses + 0.5) + 0.5 - middle,
+                      vec2(cell.texel.x, extent.tilt * cell.texel.y) / scale);
 }
 
-// An access: its offset along the long axis, and its weight.
+// An access: its offset along the long axis, in texels of the cell, and its weight.
 vec2 chain_box(ChainBoxes boxes, float number)
 {
     float left = boxes.first + 2.0 * number;

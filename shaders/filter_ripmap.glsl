@@ -8,16 +8,16 @@ vec4 filter_ripmap(Image image, vec2 uv, vec2 dx, vec2 dy, float maxProbes, out 
 {
     ChainRows rows = chain_rows(image, dx, dy);
     bool alongX = rows.xx >= rows.yy;
-    lod = chain_level(sqrt(max(alongX ? rows.yy : rows.xx, CHAIN_FLOOR)));
-    float octaves = max(chain_octaves(chain_sides(rows, alongX), lod, RIPMAP_ACCESSES), 0.0);
-    ChainExtent extent = chain_extent(image, rows, alongX, 0.0);
-    ChainPlace cell = chain_place(image, uv, extent, octaves, lod);
+    int level = chain_level(sqrt(alongX ? rows.yy : rows.xx));
+    int octaves = max(chain_octaves(chain_sides(rows, alongX), level, RIPMAP_ACCESSES), 0);
+    ChainExtent extent = chain_extent(image, rows, alongX, 0);
+    ChainCell cell = chain_cell(image, uv, extent, octaves, level);
     ChainBoxes boxes = chain_boxes(cell, extent, RIPMAP_ACCESSES);
     vec2 one = chain_box(boxes, 0.0);
     vec2 two = chain_box(boxes, 1.0);
-    vec2 slant = vec2(1.0, boxes.lean);
+    lod = float(level);
     LOOKUP_COUNT(4.0 * RIPMAP_ACCESSES);
-    return (one.y * chain_access(image, cell, cell.at + slant * one.x) + two.y * chain_access(image, cell, cell.at + slant * two.x))
-         / (one.y + two.y);
+    return mix(chain_access(image, cell, cell.at + boxes.step * one.x), chain_access(image, cell, cell.at + boxes.step * two.x),
+               two.y / (one.y + two.y));
 }
 #endif

@@ -3,7 +3,8 @@
 // Provides Image, image_open, image_flat, image_at_level, image_filter, image_sample.
 //
 // Defines, without which there is nothing: IMAGE_SRGB, IMAGE_HALF pages that hold images; IMAGE_LEVELS 1 where each is seen at one mip level only, else 2;
-// IMAGE_PROBES 1 for anisotropic probes; IMAGE_WRAPS 0 where all clamp; IMAGE_MIRROR 1 where any is mirrored;
+// IMAGE_PROBES 1 for anisotropic probes; IMAGE_WRAPS 0 where all clamp; IMAGE_ENDS, IMAGE_MIRROR 1 where any
+// image ends along an axis, or is mirrored;
 // IMAGE_FILTER_<TOKEN> 1 for every filter that there is among the images; see also the filters' own files.
 //
 // Record, written by fexel/textures/image_view.py:
@@ -46,7 +47,7 @@ Image image_open(int record)
     vec4 table = vec4(0.0);
 #if IMAGE_CHAINS
     table = record_fetch(record + 2 + ((codes >> 4) & 15) - (codes & 15));
-    table += vec4(float(record), 0.0, 0.0, float(record));
+    table.x += float(record);
 #endif
     return Image(record, head.xy, codes, head.w, codes >> 14, table);
 }
@@ -55,7 +56,7 @@ Image image_open(int record)
 Image image_flat(vec4 head, vec4 table)
 {
     int codes = int(head.z);
-    return Image(int(table.w), head.xy, codes, head.w, codes >> 14, table);
+    return Image(int(table.x) - 3 - ((codes >> 4) & 15) + (codes & 15), head.xy, codes, head.w, codes >> 14, table);
 }
 
 // Page coordinates of one image.

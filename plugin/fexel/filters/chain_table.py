@@ -5,11 +5,12 @@ by the one whose footprints are most alike; a cell by one of its direction that 
 than finer.
 
 Layout:
-    0         where the directions are, from the image's record on; codes = first level + 16 levels + 256 octaves; 0; 0
+    0         where the directions are, from the image's record on; codes = first level + 16 levels + 256 octaves; page
+              coordinates of a texel
     then per long axis, x and y, and shear in quarters from -4 to 4, of the direction that serves it: shear; where its
-              cells are, from the image's record on; fewest octaves; 1 where its long axis is x, else 0
-    then the cells of each direction that there is, levels within octaves from 0 on: page texels per texel of level 0 of
-              the image, along the long axis and along the moved one; page texels where it begins, along both
+              cells are, from the first of these texels on; fewest octaves; 1 where its long axis is x, else 0
+    then the cells of each direction that there is, levels within octaves from 0 on: page coordinates of a period, or of
+              all of the cell where it does not repeat, along the long axis and along the moved one; then of its begin
 """
 
 from __future__ import annotations
@@ -49,7 +50,7 @@ class Cells:
     place: NDArray[np.float64]
 
 
-def chain_table(cells: Mapping[int, Cells], first: int) -> NDArray[np.float64]:
+def chain_table(cells: Mapping[int, Cells], first: int, page: tuple[int, int]) -> NDArray[np.float64]:
     """The table of an image.
 
     Parameters
@@ -58,6 +59,8 @@ def chain_table(cells: Mapping[int, Cells], first: int) -> NDArray[np.float64]:
         By number of a direction; none of them empty, and at least one.
     first : int
         Where the table is, from the image's record on.
+    page : (int, int)
+        Width and height of the page.
 
     Returns
     -------
@@ -68,13 +71,13 @@ def chain_table(cells: Mapping[int, Cells], first: int) -> NDArray[np.float64]:
     highest = max(int(each.level.max()) for each in cells.values())
     levels = np.arange(lowest, min(highest, lowest + MOST_LEVELS - 1) + 1)
     row = len(octaves) * len(levels)
-    start = {direction: first + 1 + len(_SLANTS) + row * number for number, direction in enumerate(cells)}
+    start = {direction: len(_SLANTS) + row * number for number, direction in enumerate(cells)}
     serving = [_most_alike(slant, list(cells)) for slant in _SLANTS]
     directions = [
         (DIRECTIONS[used].shear, start[used], int(cells[used].octaves.min()), DIRECTIONS[used].long_axis == 0)
         for used in serving
     ]
-    head = [first + 1, lowest + 16 * len(levels) + 256 * (len(octaves) - 1), 0, 0]
+    head = [first + 1, lowest + 16 * len(levels) + 256 * (len(octaves) - 1), 1 / page[0], 1 / page[1]]
     return np.concatenate([[head], directions, *(_row(each, octaves, levels) for each in cells.values())])
 
 

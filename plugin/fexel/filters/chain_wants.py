@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fexel.filters.shears import DIRECTIONS
-from fexel.textures.pyramid_cache import ImageFacts
 
 __all__ = ["Frame", "Wants", "cells_wanted"]
 

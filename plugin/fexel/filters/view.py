@@ -167,7 +167,7 @@ class FilterView:
             )
             for direction, found in cells.items()
         }
-        return np.concatenate([record, chain_table(table, len(record))])
+        return np.concatenate([record, chain_table(table, len(record), _page(pool, self.image))])
 
     def constants(self, pool: TexturePool, record: int) -> NDArray[np.float64]:
         """(2, 4) for image_flat of shaders/image.glsl, of the record that was appended at `record`."""
@@ -175,7 +175,6 @@ class FilterView:
         head, table = texels[0], np.zeros(4)
         if self.token in CHAINED:
             table = texels[1 + self._own_levels(pool)] + [record, 0, 0, 0]
-        table[3] = record
         return np.stack([head, table])
 
     def _own_levels(self, pool: TexturePool) -> int:
@@ -260,9 +259,13 @@ def _places(
     pool: TexturePool, number: int, levels: NDArray[np.int64], frame: Frame, *, own: bool
 ) -> NDArray[np.float64]:
     """(N, 4) of a `chain_table`."""
-    page = np.array(pool.atlases[pool.facts(number).page_class].size, np.float64)
     place = pool.places[number, levels]
-    size = np.array(pool.facts(number).size, np.float64)
-    scale = place[:, :2] * page * size / (frame.size if own else frame.extent)
+    size = place[:, :2] * pool.facts(number).size
+    if own:  # of a mirrored image it is half of the period
+        size = size * frame.extent / frame.size
     order = [frame.long_axis, 1 - frame.long_axis]
-    return np.concatenate([scale[:, order], (place[:, 2:] * page)[:, order]], axis=1)
+    return np.concatenate([size[:, order], place[:, 2:][:, order]], axis=1)
+
+
+def _page(pool: TexturePool, number: int) -> tuple[int, int]:
+    return pool.atlases[pool.facts(number).page_class].size
