@@ -42,6 +42,9 @@ class ImageSource:
         Applied to texels; identity when all layers share theirs (`fexel.textures.zipmap.ZipmapData.scale`).
     fallback : 4-tuple
         Linear rgba, straight alpha, shown when the image cannot be read; `scale` and `bias` do not apply to it.
+    soft_rim : bool
+        Of a patch: coarser levels are those of level 0 with its rim cleared. Else each level has a cleared rim of its
+        own, as an ordinary lookup needs it to end at the border; then patches are the smaller the coarser they are.
     """
 
     file: str
@@ -51,6 +54,7 @@ class ImageSource:
     scale: tuple[float, ...] = SCALE_ONE
     bias: tuple[float, ...] = BIAS_ZERO
     fallback: tuple[float, ...] = NO_FALLBACK
+    soft_rim: bool = False
 
 
 def image_source(inputs: Inputs, nested: bool, own: Minification = NO_MINIFICATION) -> ImageSource:

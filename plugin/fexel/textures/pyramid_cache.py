@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,7 @@ from fexel.errors import FexelError, FexelWarning
 from fexel.textures.image_source import ImageSource
 from fexel.textures.kept_texels import KeptTexels
 from fexel.textures.page_format import HALF, SRGB
-from fexel.textures.page_texels import bordered, encode_page, inner_box
+from fexel.textures.page_texels import bordered, decode_page, encode_page, inner_box
 
 __all__ = ["HALF", "SRGB", "ImageFacts", "PyramidCache"]
 
@@ -131,7 +131,8 @@ class PyramidCache:
         inner = inner_box(box, (width, height))
         texels = self._read(source, facts, path, level, inner)
         if facts.wrap[0] == "patch":
-            texels = _without_rim(texels, inner, (width, height))
+            kept = 1.0 - 0.5**level if source.soft_rim else 0.0
+            texels = _faded_rim(texels, inner, (width, height), kept, facts.page_class)
         return bordered(texels, box, (width, height), facts.wrap)
 
     def is_replaced(self, source: ImageSource) -> bool:
@@ -158,10 +159,11 @@ class PyramidCache:
         return texels[y0:y1, x0:x1]
 
     def _pyramid(self, source: ImageSource, facts: ImageFacts, path: str, level: int) -> list[NDArray | None]:
-        levels = self._kept.get(source)
+        key = replace(source, soft_rim=False)
+        levels = self._kept.get(key)
         if levels is None or levels[level] is None:
             levels = self._made(source, facts, path, 0 if level == 0 else 1)
-            self._kept.keep(source, levels, sum(0 if texels is None else texels.nbytes for texels in levels))
+            self._kept.keep(key, levels, sum(0 if texels is None else texels.nbytes for texels in levels))
         return levels
 
     def _made(self, source: ImageSource, facts: ImageFacts, path: str, first: int) -> list[NDArray | None]:
@@ -224,15 +226,25 @@ def _scaled(texels: NDArray[np.float32], source: ImageSource) -> NDArray[np.floa
     return np.concatenate([(straight * scale[:3] + bias[:3]) * alpha, alpha], axis=-1)
 
 
-def _without_rim(texels: NDArray, box: tuple[int, int, int, int], size: tuple[int, int]) -> NDArray:
+def _faded_rim(
+    texels: NDArray, box: tuple[int, int, int, int], size: tuple[int, int], kept: float, page_class: int
+) -> NDArray:
+    """A window of a level of a patch, of whose rim so much is kept, in [0, 1]."""
     texels = texels.copy()
+    for at in _rim(box, size):
+        texels[at] = encode_page(decode_page(texels[at], page_class) * np.float32(kept), page_class) if kept else 0
+    return texels
+
+
+def _rim(box: tuple[int, int, int, int], size: tuple[int, int]) -> Iterator[tuple[slice, slice]]:
+    """Rows and columns of a window that lie at the border of the level."""
+    whole, first, last = slice(None), slice(0, 1), slice(-1, None)
     x0, y0, x1, y1 = box
     if x0 == 0:
-        texels[:, 0] = 0
+        yield whole, first
     if y0 == 0:
-        texels[0] = 0
+        yield first, whole
     if x1 == size[0]:
-        texels[:, -1] = 0
+        yield whole, last
     if y1 == size[1]:
-        texels[-1] = 0
-    return texels
+        yield last, whole

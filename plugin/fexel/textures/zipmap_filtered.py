@@ -6,14 +6,14 @@ texture of another kind is; where nothing but the root is seen, its constants ar
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fexel.filters.view import FilterView
 from fexel.textures.footprint import Footprint
-from fexel.textures.image_source import decodes_vectors
+from fexel.textures.image_source import PATCH_WRAP, decodes_vectors
 from fexel.textures.index import LocalPieces
 from fexel.textures.layer_footprints import layer_footprints
 from fexel.textures.pool import TexturePool
@@ -86,6 +86,7 @@ def filtered_view(
     if token in _BY_LEVELS:
         return None
     source, path = data.sources[data.source_index[number]], data.paths[number]
+    source = replace(source, soft_rim=source.wrap == PATCH_WRAP)
     seen = layer_footprints(pieces, matrix, pool.facts(pool.image(source, path)).size, bounds, REACH)
     if not len(seen.jacobian) or Footprint.of(seen.jacobian.reshape(-1, 2, 2)).major.max() < _MAGNIFIED:
         return None

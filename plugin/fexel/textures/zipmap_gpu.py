@@ -194,7 +194,7 @@ def plan(data: ZipmapData, sight: Sight, pool: TexturePool) -> _ZipmapPlan:
         if view is not None:
             layers.filtered[int(layer)] = view
     pairs = view_pairs(tree, local_to_layer, bounds, layers.size.astype(np.float64), most, reach)
-    pairs = pairs[_shows(pairs, layers.size, is_other)]
+    pairs = pairs[_shows(pairs, layers.size, is_other, np.isin(np.arange(count), list(layers.filtered)))]
     levels = pair_levels(pairs, layers.size)
     at = layers.has_levels[pairs.layer]
     pool.ask(layers.image[pairs.layer[at]], (levels[0][at], levels[1][at]), (pairs.low[at], pairs.high[at]))
@@ -220,13 +220,16 @@ def _in_bounds(data: ZipmapData, sight: Sight) -> NDArray[np.int64]:
     return np.flatnonzero(touches & ((data.opacity > 0) | (np.arange(len(touches)) == 0)))
 
 
-def _shows(pairs: PairView, size: NDArray[np.int64], is_other: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _shows(
+    pairs: PairView, size: NDArray[np.int64], is_other: NDArray[np.bool_], is_filtered: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
     """Pairs whose patch is not yet all rim: a level under 3 texels wide or high is empty. One of another kind, of size
-    1 x 1, shows until it is as small as half a pixel.
+    1 x 1, and one whose rim is soft show until they are as small as half a pixel.
     """
     smallest = size.min(axis=1)
     last_shown = np.where(smallest >= 3, np.floor(np.log2(np.maximum(smallest, 3) / 3)), -1.0)
     last_shown[is_other] = 0.0
+    last_shown[is_filtered] = np.floor(np.log2(smallest[is_filtered]))
     return (pairs.layer == 0) | (pairs.lod_low < last_shown[pairs.layer] + 1)
 
 
