@@ -232,8 +232,8 @@ vec4 zipmap_tree_sample(int slot, vec2 st, vec2 dstdx, vec2 dstdy, out float lod
         bool first = clear == 1.0 && sampled.a > 0.0;
         top = first ? record : top;
 #if LOOKUP_COUNTS && (ZIPMAP_FILTERED || ZIPMAP_MIXED)
-        float used = int(names.y) == ZIPMAP_FILTERED_IMAGE ? lookupFilter : names.y > 0.0 ? topFilter : names.w > 1.0 ? 1.0 : 0.0;
-        topFilter = first ? used : topFilter;
+        float ofLayer = int(names.y) == ZIPMAP_FILTERED_IMAGE ? lookupFilter : names.y > 0.0 ? topFilter : names.w > 1.0 ? 1.0 : 0.0;
+        topFilter = first ? ofLayer : topFilter;
 #endif
         topLod = first ? level : topLod;
         color += (mapped.z > 0.0 ? clear * opacity : 0.0) * sampled;
