@@ -122,7 +122,7 @@ void write_aovs(vec3 normal, vec3 position)
     outFootprint = vec4(footprint, 0.0);
 #endif
 #ifdef AOV_FETCHES
-    outFetches = textureFetches;
+    outFetches = floor(textureFetches + 0.5);
 #endif
 #ifdef AOV_FILTER
     outFilter = textureFilter;

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 __all__ = ["TextureBinding"]
 
+_CHEAPEST = "mipmap"
+
 
 class TextureBinding:
     """Textures of one material for one view.
@@ -116,8 +118,9 @@ def _main_uniforms(slots: Sequence[Slot], asked: Sequence[Minification], pool: T
     if not slots:
         return {}
     to_texels = np.eye(3) if slots[0].local_to_texels is None else slots[0].local_to_texels
-    filter_code = FILTERS.index(pool.filter(asked[0].filter if asked else None))
-    return {"mainTexels": np.pad(to_texels.T, ((0, 0), (0, 1))), "mainFilter": np.array([[float(filter_code)]])}
+    token = pool.filter(asked[0].filter if asked else None)
+    used = FILTERS.index(_CHEAPEST if token == "auto" else token)  # a lookup tells what else `auto` takes
+    return {"mainTexels": np.pad(to_texels.T, ((0, 0), (0, 1))), "mainFilter": np.array([[float(used)]])}
 
 
 def _set(uniform: Any, values: NDArray) -> None:
