@@ -215,6 +215,15 @@ def test_decision_is_the_colour_of_the_direction_to_the_camera(renderer, tmp_pat
     assert (images["decision"][~seen] == 0).all()
 
 
+def test_decision_of_an_orthographic_camera_is_one_direction(renderer, tmp_path, rng):
+    stage = textured(tmp_path, rng)
+    assert np.abs(renderer.render(stage, width=8, aovs=("decision",))["decision"] - [0, 1, 0]).max() < 1e-6
+    UsdGeom.Xformable(stage.GetPrimAtPath("/World/Quad")).AddRotateXOp().Set(-60.0)
+    images = renderer.render(stage, width=8, aovs=("decision", "primId"))
+    wanted = np.array([0.0, 0.5, np.sqrt(0.75)]) / (0.5 + np.sqrt(0.75))
+    np.testing.assert_allclose(images["decision"][images["primId"][..., 0] >= 0] - wanted, 0.0, atol=1e-5)
+
+
 def test_decision_darkens_with_distance_as_the_texture_fades(renderer, tmp_path, rng):
     stage = look_askew(textured(tmp_path, rng, filter="mipmap"))
     stage.GetPrimAtPath(TEXTURE).GetAttribute("minification:attenuationDistance").Set(3.0)

@@ -172,7 +172,10 @@ class _Values:
             numbers = (float(value),) if count == 1 else tuple(float(v) for v in value)
         except (TypeError, ValueError):
             numbers = ()
-        return numbers if len(numbers) == count else self._refused(name, f"{value!r}, which is no number", None)
+        if len(numbers) == count:
+            return numbers
+        expected = "a number" if count == 1 else f"{count} numbers"
+        return self._refused(name, f"{value!r}, expected {expected}; it is left out", None)
 
     def _refused(self, name: str, fault: str, default: Any) -> Any:
         self.tell(self.prim, _PREFIX + name, f"is {fault}")
