@@ -388,7 +388,7 @@ def test_command_prints_a_line_per_texture_and_writes_the_report(scene, tmp_path
     assert done.output.splitlines() == ["/World/Looks/Tile/Image: fipmap", str(tmp_path / "out.usda")]
     assert authored(tmp_path / "out.usda")["attenuationColor"][0] == pytest.approx(0.2158605)
     report = json.loads((tmp_path / "r.json").read_text("utf-8"))
-    assert report["textures"] == [{"prim": TEXTURE, "filter": "fipmap", "variant": "", "note": ""}]
+    assert report["textures"] == [{"prim": TEXTURE, "filter": "fipmap", "variant": "", "note": "", "predicted_db": {}}]
 
 
 @pytest.mark.parametrize(

@@ -3,10 +3,11 @@
 The stage is left as it is, whether its textures are fexel's or plain UsdUVTexture shaders: the layer applies
 TextureMinificationAPI to them and authors what was asked for, nothing else. The report is JSON::
 
-    {"stage", "output", "textures": [{"prim", "filter", "variant", "note"}]}
+    {"stage", "output", "textures": [{"prim", "filter", "variant", "note", "predicted_db": {token: dB}}]}
 
 `filter` is null where the texture's own is left alone; `variant` says which variants show the texture, '' for those
-that the stage selects; `note` what one should know.
+that the stage selects; `note` what one should know. `predicted_db` is of ``--filter auto``: the peak signal-to-noise
+ratio to expect of each filter in the picture where it is worst, empty where nothing can be foretold.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -24,14 +25,20 @@ from fexel.errors import FexelError
 from fexel.filters import PORTABLE_FILTERS
 from fexel.schema.minification import TextureMinificationAPI
 from fexel.stage import open_stage
+from fexel_tools.minify_auto import BOUND_DB, UNSEEN, FilterChoice, choose_filter
 from fexel_tools.minify_textures import FoundTexture, each_texture, holds_data
+from fexel_tools.minify_views import SeenFootprints, seen_footprints
 from fexel_tools.progress import Progress, silent
 from fexel_tools.report import check_report, write_report
 from fexel_tools.stage_overlay import StageOverlay, check_overlay
 
-__all__ = ["MinifiedTexture", "MinifyOptions", "MinifyReport", "minify"]
+__all__ = ["AUTO", "MinifiedTexture", "MinifyOptions", "MinifyReport", "minify"]
+
+AUTO = "auto"
+"""For each texture the cheapest of the portable filters that is good enough."""
 
 _NAMESPACE = "minification:"
+_WIDEST = 65536
 _DATA_KEEP = "holds data: contrast, brightness and attenuation are for colours (name it by --prim to have them)"
 
 
@@ -42,7 +49,7 @@ class MinifyOptions:
     Attributes
     ----------
     filter : str, optional
-        ``mipmap``, ``anisotropic``, ``ripmap`` or ``fipmap``.
+        ``mipmap``, ``anisotropic``, ``ripmap`` or ``fipmap``; ``auto`` chooses among them, see `minify_auto`.
     contrast, brightness : float, optional
         s and o of ``s c + o``, linear.
     attenuation_distance : float, optional
@@ -51,6 +58,10 @@ class MinifyOptions:
         Linear Rec.709, >= 0.
     prims : tuple of str
         Only textures at or below these paths; none: all.
+    bound_db : float
+        Of ``auto``: predicted peak signal-to-noise ratio that is good enough.
+    width : int
+        Of ``auto``: of the pictures that are meant, pixels.
     """
 
     filter: str | None = None
@@ -59,6 +70,8 @@ class MinifyOptions:
     attenuation_distance: float | None = None
     attenuation_color: tuple[float, float, float] | None = None
     prims: tuple[str, ...] = ()
+    bound_db: float = BOUND_DB
+    width: int = 960
 
 
 @dataclass(frozen=True)
@@ -69,10 +82,17 @@ class MinifiedTexture:
     filter: str | None
     variant: str = ""
     note: str = ""
+    predicted_db: dict[str, float] = field(default_factory=dict)
 
     def as_json(self) -> dict[str, Any]:
         """The texture's entry."""
-        return {"prim": self.prim, "filter": self.filter, "variant": self.variant, "note": self.note}
+        return {
+            "prim": self.prim,
+            "filter": self.filter,
+            "variant": self.variant,
+            "note": self.note,
+            "predicted_db": {token: round(value, 2) for token, value in self.predicted_db.items()},
+        }
 
 
 @dataclass(frozen=True)
@@ -131,11 +151,13 @@ def minify(
         check_report(report, [source, output])
     overlay = StageOverlay(stage, source, output, "_fexel_minify_")
     limits = [_limit(stage, source, path) for path in options.prims]
+    seen = _seen(stage, options, step)
     authored: dict[Sdf.Path, MinifiedTexture] = {}
     for found in each_texture(stage, limits):
         path = overlay.editable_path(found.prim)
         if path not in authored:
-            authored[path] = _author(overlay.layer, path, found, options, limits)
+            choice = _choice(found.prim, seen, options)
+            authored[path] = _author(overlay.layer, path, found, options, choice, limits)
             step("textures", len(authored), len(authored))
     if not authored:
         where = f" at or below {', '.join(options.prims)}" if limits else ""
@@ -148,8 +170,12 @@ def minify(
 
 
 def _check_options(options: MinifyOptions) -> None:
-    if options.filter is not None and options.filter not in PORTABLE_FILTERS:
-        raise FexelError(f"--filter: '{options.filter}', expected one of {', '.join(PORTABLE_FILTERS)}")
+    if options.filter is not None and options.filter not in (*PORTABLE_FILTERS, AUTO):
+        raise FexelError(f"--filter: '{options.filter}', expected one of {', '.join((*PORTABLE_FILTERS, AUTO))}")
+    if not (math.isfinite(options.bound_db) and options.bound_db > 0):
+        raise FexelError(f"--bound: {options.bound_db:g}, expected a finite number of decibels above 0")
+    if not 1 <= options.width <= _WIDEST:
+        raise FexelError(f"--imageWidth: {options.width}, expected 1 to {_WIDEST} pixels")
     for name, value in (("--contrast", options.contrast), ("--brightness", options.brightness)):
         if value is not None and not math.isfinite(value):
             raise FexelError(f"{name}: {value:g}, expected a finite number")
@@ -166,6 +192,28 @@ def _limit(stage: Usd.Stage, source: Path, path: str) -> Sdf.Path:
     if not Sdf.Path.IsValidPathString(path) or not path.startswith("/") or not stage.GetPrimAtPath(path):
         raise FexelError(f"--prim {path}: no such prim in {source}")
     return Sdf.Path(path)
+
+
+def _seen(stage: Usd.Stage, options: MinifyOptions, step: Progress) -> dict[Sdf.Path, list[SeenFootprints]]:
+    """Where a filter has to be chosen: how cameras see each texture, by its path outside of instances."""
+    if options.filter != AUTO:
+        return {}
+    by_path: dict[Sdf.Path, list[SeenFootprints]] = {}
+    for path, pictures in seen_footprints(stage, options.width, step).items():
+        by_path.setdefault(_shared_path(stage.GetPrimAtPath(path)), []).extend(pictures)
+    return by_path
+
+
+def _shared_path(prim: Usd.Prim) -> Sdf.Path:
+    return (prim.GetPrimInPrototype() if prim.IsInstanceProxy() else prim).GetPath()
+
+
+def _choice(prim: Usd.Prim, seen: dict[Sdf.Path, list[SeenFootprints]], options: MinifyOptions) -> FilterChoice | None:
+    """What is chosen for a texture; None where the user has."""
+    if options.filter != AUTO:
+        return None
+    pictures = seen.get(_shared_path(prim))
+    return choose_filter(prim, pictures, options.bound_db) if pictures else UNSEEN
 
 
 def _values(options: MinifyOptions, is_data: bool) -> dict[str, tuple[Sdf.ValueTypeName, Any]]:
@@ -186,17 +234,26 @@ def _values(options: MinifyOptions, is_data: bool) -> dict[str, tuple[Sdf.ValueT
 
 
 def _author(
-    layer: Sdf.Layer, path: Sdf.Path, found: FoundTexture, options: MinifyOptions, limits: Sequence[Sdf.Path]
+    layer: Sdf.Layer,
+    path: Sdf.Path,
+    found: FoundTexture,
+    options: MinifyOptions,
+    choice: FilterChoice | None,
+    limits: Sequence[Sdf.Path],
 ) -> MinifiedTexture:
     """Apply the schema to one texture and author its attributes."""
     prim = found.prim
+    options = replace(options, filter=choice.filter) if choice else options
     is_data = prim.GetPath() not in limits and holds_data(prim)
     values, all_values = _values(options, is_data), _values(options, is_data=False)
     if values:
         _author_api(layer, path, values)
-    notes = [_DATA_KEEP] if len(values) < len(all_values) else []
+    notes = [choice.reason] if choice else []
+    notes += [_DATA_KEEP] if len(values) < len(all_values) else []
     notes += [_shared(prim)] if prim.IsInstanceProxy() else []
-    return MinifiedTexture(str(prim.GetPath()), options.filter, found.variant, "; ".join(filter(None, notes)))
+    note = "; ".join(filter(None, notes))
+    predicted = choice.predicted_db if choice else {}
+    return MinifiedTexture(str(prim.GetPath()), options.filter, found.variant, note, predicted)
 
 
 def _author_api(layer: Sdf.Layer, path: Sdf.Path, values: dict[str, tuple[Sdf.ValueTypeName, Any]]) -> None:

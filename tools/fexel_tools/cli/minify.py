@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -24,10 +25,22 @@ def _minify(
         str,
         typer.Option(
             "--filter",
-            help="mipmap, anisotropic, ripmap or fipmap; default: what the textures have.",
+            help="mipmap, anisotropic, ripmap or fipmap; auto: for each texture the cheapest of these whose predicted "
+            "error is below --bound wherever the stage's cameras see it; default: what the textures have.",
             show_default=False,
         ),
     ] = "",
+    bound: Annotated[
+        float | None,
+        typer.Option(
+            "--bound",
+            help="Of --filter auto: peak signal-to-noise ratio that is good enough, dB; default: 40.",
+            show_default=False,
+        ),
+    ] = None,
+    width: Annotated[
+        int, typer.Option("--imageWidth", "-w", help="Of --filter auto: width of the pictures that are meant, pixels.")
+    ] = 960,
     contrast: Annotated[
         float | None,
         typer.Option("--contrast", help="Factor on linear values, s in s c + o; 1 is unchanged.", show_default=False),
@@ -72,7 +85,9 @@ def _minify(
         attenuation_distance=distance,
         attenuation_color=_color(color) if color else None,
         prims=tuple(prim or ()),
+        width=width,
     )
+    options = options if bound is None else replace(options, bound_db=bound)
     with progress_bars() as progress:
         result = minify(stage, output, options, report=report, progress=progress)
     for texture in result.textures:
