@@ -115,10 +115,10 @@ def _numbers(slots: Sequence[Slot]) -> dict[str, int | str]:
 
 def _main_uniforms(slots: Sequence[Slot], asked: Sequence[Minification], pool: TexturePool) -> dict[str, NDArray]:
     """What the AOVs of the main texture need, that of slot 0; see shaders/texture_aovs.glsl."""
-    if not slots:
+    if not asked:
         return {}
     to_texels = np.eye(3) if slots[0].local_to_texels is None else slots[0].local_to_texels
-    token = pool.filter(asked[0].filter if asked else None)
+    token = pool.filter(asked[0].filter)
     used = FILTERS.index(_CHEAPEST if token == "auto" else token)  # a lookup tells what else `auto` takes
     return {"mainTexels": np.pad(to_texels.T, ((0, 0), (0, 1))), "mainFilter": np.array([[float(used)]])}
 
