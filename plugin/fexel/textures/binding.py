@@ -114,7 +114,7 @@ def _numbers(slots: Sequence[Slot]) -> dict[str, int | str]:
 
 
 def _main_uniforms(slots: Sequence[Slot], asked: Sequence[Minification], pool: TexturePool) -> dict[str, NDArray]:
-    """What the AOVs of the main texture need, that of slot 0; see shaders/texture_aovs.glsl."""
+    """What the AOVs of the main texture need, that of slot 0; see shaders/mesh_aovs.glsl."""
     if not asked:
         return {}
     to_texels = np.eye(3) if slots[0].local_to_texels is None else slots[0].local_to_texels
