@@ -73,7 +73,7 @@ class ChainTexels:
         except DamagedChainError:
             self._keep(chain, layout, *self._build(chain, path, facts, layout))
             texels = self._made(chain, path, facts, layout)[cell]
-        return np.ascontiguousarray(texels[box[1] : box[3] + 2, box[0] : box[2] + 2])
+        return texels[box[1] : box[3] + 2, box[0] : box[2] + 2].copy()
 
     def _reader(self, chain: Chain) -> TexelReader:
         return chain.reader or self._base
