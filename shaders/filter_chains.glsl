@@ -1,5 +1,5 @@
 // Lookups in chains of prefiltered images (fexel/filters/chain.py). Included by image.glsl, for ripmap and fipmap.
-// Provides ChainRows, chain_rows, chain_level, chain_octaves, ChainExtent, chain_extent, ChainCell, chain_cell, chain_access,
+// Provides ChainRows, chain_rows, chain_level, chain_octaves, ChainExtent, chain_plain, chain_extent, ChainCell, chain_cell, chain_access,
 // ChainBoxes, chain_boxes, chain_box. Twin of fexel/filters/lookup.py.
 //
 // A footprint is moved along a direction (fexel/filters/shears.py). A cell of that direction has texels that are 2^level
@@ -16,6 +16,7 @@ const float CHAIN_LIFT = 1.5;
 const float CHAIN_RAMP = 0.5;
 const float CHAIN_SLACK = 0.25;
 const float CHAIN_FLOOR = 1e-30;
+const int CHAIN_SLANTS = 18;        // per long axis the shears from -1 to 1 by quarters
 
 // Rows of the Jacobian in texels of level 0, x right and y down (how much x and y change per pixel along x and y), their
 // squares and product, and the area of the footprint.
@@ -81,6 +82,15 @@ struct ChainExtent {
     int cells;        // of the direction, in the record texture
     int fewest;       // octaves that it has
 };
+
+// Of the directions that move nothing: their cells come first, whatever else there is.
+ChainExtent chain_plain(Image image, ChainRows rows, bool alongX)
+{
+    int codes = int(image.table.y);
+    int row = ((codes >> 8) + 1) * ((codes >> 4) & 15);
+    float tangent = rows.xy / max(alongX ? rows.xx : rows.yy, CHAIN_FLOOR);
+    return ChainExtent(chain_sides(rows, alongX), tangent, 0.0, alongX, int(image.table.x) + CHAIN_SLANTS + (alongX ? 0 : row), 0);
+}
 
 // quarters: 4 times the shear that is asked for.
 ChainExtent chain_extent(Image image, ChainRows rows, bool alongX, int quarters)

@@ -4,6 +4,8 @@
 //
 // Taps are not capped: 3400 at an elevation of 0.1 degrees. This is a reference to compare with, not to draw with.
 
+#if defined(IMAGE_LEVELS) && IMAGE_FILTER_EWA
+
 const float EWA_RADIUS = 2.0;          // standard deviations
 const float EWA_LEAST_MINOR = 1.5;     // texels that the minor axis spans at least, beyond level 0
 const float EWA_MOST_RATIO = 1024.0;   // of the axes; a longer ellipse is as wide as that
@@ -106,3 +108,4 @@ vec4 filter_ewa(Image image, vec2 uv, vec2 dx, vec2 dy, float maxProbes, out flo
     LOOKUP_COUNT(taps + (magnified > 0.0 ? 4.0 : 0.0));
     return mix(average, image_at_level(image, uv, float(finest)), magnified);
 }
+#endif

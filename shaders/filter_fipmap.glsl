@@ -1,36 +1,43 @@
 // Fipmap (Bornik and Ferko 2002, section 3.2): per pixel the direction whose chains have the footprint's long side along an
 // axis. Twin of fexel/filters/fipmap.py, which says why. Included by image.glsl. Provides filter_fipmap, fipmap_sample.
-#if defined(IMAGE_LEVELS) && IMAGE_FILTER_FIPMAP
+#if defined(IMAGE_LEVELS) && (IMAGE_FILTER_FIPMAP || IMAGE_FILTER_AUTO)
 
-const float FIPMAP_COMPACT = 5.0;
+const float FIPMAP_COMPACT = 1.125;
 const vec2 FIPMAP_OWN_TILT = vec2(0.3, 0.68);
 const vec2 FIPMAP_HALF_TILT = vec2(0.42, 0.68);
-const vec2 FIPMAP_ROUND = vec2(2.3, 2.6);
-const float FIPMAP_NARROW = 2.5;
+const vec2 FIPMAP_ROWS = vec2(1.45, 1.6);
+const vec2 FIPMAP_NARROW = vec2(0.8, 1.6);
 
-// Offsets of the accesses of compact footprints: signs times (along, across), and `row` times their places in a row.
-struct FipmapCompact {
-    vec2 along;
-    vec2 across;
-    vec2 row;
+// Accesses of compact footprints, texels of level 0 from the centre: in two rows, or in one along the major axis.
+struct FipmapPoints {
+    vec2 column;      // from one of the two rows' columns to the next
+    vec2 single;      // length of the one row
+    vec2 zigzag;      // to either side of it
 };
 
-FipmapCompact fipmap_compact(ChainRows rows, float root, float major, float minor, int level)
+FipmapPoints fipmap_points(ChainRows rows, float root, float major, float minor, int level, float accesses)
 {
     float difference = 0.5 * (rows.xx - rows.yy);
     vec2 axis = difference >= 0.0 ? vec2(difference + root, rows.xy) : vec2(rows.xy, root - difference);
     float size = dot(axis, axis);
     axis = size > 0.0 ? axis * inversesqrt(size) : vec2(1.0, 0.0);
-    float ratio = major / minor;
-    float row = clamp((ratio - FIPMAP_ROUND.x) / (FIPMAP_ROUND.y - FIPMAP_ROUND.x), 0.0, 1.0);
-    float narrow = row * clamp((ratio - FIPMAP_ROUND.y) / FIPMAP_NARROW, 0.0, 1.0);
+    float spacing = major * chain_exp2(-level) / accesses;
+    float one = clamp((2.0 * spacing - FIPMAP_ROWS.x) / (FIPMAP_ROWS.y - FIPMAP_ROWS.x), 0.0, 1.0);
+    float narrow = one * clamp((spacing - FIPMAP_NARROW.x) / (FIPMAP_NARROW.y - FIPMAP_NARROW.x), 0.0, 1.0);
     float boxes = 0.25 * chain_exp2(2 * level) - 0.25;    // variance that the level has beyond level 0, texels^2
-    float along = sqrt(max(major * major / 12.0 - boxes, 0.0));
+    float along = sqrt(max(major * major / 12.0 - boxes, 0.0) * 12.0 / (0.25 * accesses * accesses - 1.0));
     float across = sqrt(max(minor * minor / 12.0 - boxes, 0.0));
-    return FipmapCompact((1.0 - row) * along * axis, (1.0 - narrow) * across * vec2(-axis.y, axis.x), row * major * axis);
+    return FipmapPoints((1.0 - one) * along * axis, one * major * axis, (1.0 - narrow) * across * vec2(-axis.y, axis.x));
 }
 
-// accesses: along the long axis, 4 to IMAGE_ACCESSES; lod: of the short side.
+vec2 fipmap_point(FipmapPoints points, float number, float accesses)
+{
+    float pair = floor(0.5 * number);
+    return (pair + 0.5 - 0.25 * accesses) * points.column + ((number + 0.5) / accesses - 0.5) * points.single
+         + (1.0 - 2.0 * (number - 2.0 * pair)) * points.zigzag;
+}
+
+// accesses: 4, 6, ... IMAGE_ACCESSES; lod: of the short side.
 vec4 fipmap_sample(Image image, vec2 uv, vec2 dx, vec2 dy, float accesses, out float lod)
 {
     ChainRows rows = chain_rows(image, dx, dy);
@@ -39,7 +46,7 @@ vec4 fipmap_sample(Image image, vec2 uv, vec2 dx, vec2 dy, float accesses, out f
     float major = sqrt(max(0.5 * (rows.xx + rows.yy) + root, CHAIN_FLOOR));
     float minor = max(rows.area / major, CHAIN_FLOOR);
     int ownLevel = chain_level(minor);
-    bool compact = major < FIPMAP_COMPACT * chain_exp2(ownLevel);
+    bool compact = major < FIPMAP_COMPACT * accesses * chain_exp2(ownLevel);
 
     bool alongX = rows.xx >= rows.yy;
     float square = max(max(rows.xx, rows.yy), CHAIN_FLOOR);
@@ -53,23 +60,31 @@ vec4 fipmap_sample(Image image, vec2 uv, vec2 dx, vec2 dy, float accesses, out f
     float steps = octaves > 2 ? 4.0 : octaves > 1 ? 2.0 : 1.0;
     int quarters = own ? 0 : -int(round(tangent * steps) * (4.0 / steps));
     level = compact ? ownLevel : level;
+    lod = float(level);
 
     ChainExtent extent = chain_extent(image, rows, compact || alongX, quarters);
     ChainCell cell = chain_cell(image, uv, extent, octaves, level);
     ChainBoxes boxes = chain_boxes(cell, extent, accesses);
-    FipmapCompact points = fipmap_compact(rows, root, major, minor, level);
+    FipmapPoints points = fipmap_points(rows, root, major, minor, level, accesses);
     vec4 sum = vec4(0.0);
     float total = 0.0;
-    for (int i = 0; i < IMAGE_ACCESSES; ++i) {
-        vec2 point = (i < 2 ? -1.0 : 1.0) * points.along + (i % 2 == 0 ? 1.0 : -1.0) * points.across
-                   + (0.25 * float(i) - 0.375) * points.row;
-        vec2 box = chain_box(boxes, float(i));
-        float weight = compact ? i < 4 ? 1.0 : 0.0 : float(i) < accesses ? box.y : 0.0;
-        sum += weight * chain_access(image, cell, cell.at + (compact ? point * cell.texel : boxes.step * box.x));
+#if IMAGE_FILTER_AUTO
+    float i = 0.0;
+    do {
+#else
+    for (float i = 0.0; i < float(IMAGE_ACCESSES); ++i) {
+#endif
+        vec2 box = chain_box(boxes, i);
+        float weight = i < accesses ? compact ? 1.0 : box.y : 0.0;
+        sum += weight * chain_access(image, cell, cell.at + (compact ? fipmap_point(points, i, accesses) * cell.texel : boxes.step * box.x));
         total += weight;
+#if IMAGE_FILTER_AUTO
+        i += 1.0;
+    } while (i < accesses);
+#else
     }
-    lod = float(level);
-    LOOKUP_COUNT(4.0 * max(accesses, 4.0));
+#endif
+    LOOKUP_COUNT(4.0 * accesses);
     return sum / total;
 }
 

@@ -10,7 +10,7 @@ vec4 filter_ripmap(Image image, vec2 uv, vec2 dx, vec2 dy, float maxProbes, out 
     bool alongX = rows.xx >= rows.yy;
     int level = chain_level(sqrt(alongX ? rows.yy : rows.xx));
     int octaves = max(chain_octaves(chain_sides(rows, alongX), level, RIPMAP_ACCESSES), 0);
-    ChainExtent extent = chain_extent(image, rows, alongX, 0);
+    ChainExtent extent = chain_plain(image, rows, alongX);
     ChainCell cell = chain_cell(image, uv, extent, octaves, level);
     ChainBoxes boxes = chain_boxes(cell, extent, RIPMAP_ACCESSES);
     vec2 one = chain_box(boxes, 0.0);

@@ -29,7 +29,7 @@
 #define IMAGE_AUTO 5
 
 #if defined(IMAGE_LEVELS)
-#define IMAGE_CHAINS (IMAGE_FILTER_RIPMAP || IMAGE_FILTER_FIPMAP)
+#define IMAGE_CHAINS (IMAGE_FILTER_RIPMAP || IMAGE_FILTER_FIPMAP || IMAGE_FILTER_AUTO)
 
 struct Image {
     int record;
@@ -125,6 +125,8 @@ vec4 image_at_level(Image image, vec2 uv, float level)
 #include "filter_chains.glsl"
 #include "filter_ripmap.glsl"
 #include "filter_fipmap.glsl"
+#include "filter_ewa.glsl"
+#include "filter_auto.glsl"
 
 #if defined(IMAGE_LEVELS)
 
@@ -132,37 +134,38 @@ vec4 image_at_level(Image image, vec2 uv, float level)
 // negative when magnified. Linear, premultiplied.
 vec4 image_filter(Image image, vec2 uv, vec2 dx, vec2 dy, float maxProbes, out float lod)
 {
-#if IMAGE_FILTER_MIPMAP + IMAGE_FILTER_ANISOTROPIC + IMAGE_FILTER_RIPMAP + IMAGE_FILTER_FIPMAP == 1
-#if IMAGE_FILTER_MIPMAP
-    return filter_mipmap(image, uv, dx, dy, maxProbes, lod);
-#elif IMAGE_FILTER_ANISOTROPIC
-    return filter_anisotropic(image, uv, dx, dy, maxProbes, lod);
-#elif IMAGE_FILTER_RIPMAP
-    return filter_ripmap(image, uv, dx, dy, maxProbes, lod);
+#if IMAGE_FILTER_MIPMAP + IMAGE_FILTER_ANISOTROPIC + IMAGE_FILTER_RIPMAP + IMAGE_FILTER_FIPMAP + IMAGE_FILTER_EWA + IMAGE_FILTER_AUTO == 1
+#define IMAGE_IS(code) true
 #else
-    return filter_fipmap(image, uv, dx, dy, maxProbes, lod);
+#define IMAGE_IS(code) image.filterCode == code
 #endif
-#else
     vec4 color = vec4(0.0);
     lod = 0.0;
 #if IMAGE_FILTER_MIPMAP
-    if (image.filterCode == IMAGE_MIPMAP)
+    if (IMAGE_IS(IMAGE_MIPMAP))
         color = filter_mipmap(image, uv, dx, dy, maxProbes, lod);
 #endif
 #if IMAGE_FILTER_ANISOTROPIC
-    if (image.filterCode == IMAGE_ANISOTROPIC)
+    if (IMAGE_IS(IMAGE_ANISOTROPIC))
         color = filter_anisotropic(image, uv, dx, dy, maxProbes, lod);
 #endif
 #if IMAGE_FILTER_RIPMAP
-    if (image.filterCode == IMAGE_RIPMAP)
+    if (IMAGE_IS(IMAGE_RIPMAP))
         color = filter_ripmap(image, uv, dx, dy, maxProbes, lod);
 #endif
 #if IMAGE_FILTER_FIPMAP
-    if (image.filterCode == IMAGE_FIPMAP)
+    if (IMAGE_IS(IMAGE_FIPMAP))
         color = filter_fipmap(image, uv, dx, dy, maxProbes, lod);
 #endif
-    return color;
+#if IMAGE_FILTER_EWA
+    if (IMAGE_IS(IMAGE_EWA))
+        color = filter_ewa(image, uv, dx, dy, maxProbes, lod);
 #endif
+#if IMAGE_FILTER_AUTO
+    if (IMAGE_IS(IMAGE_AUTO))
+        color = filter_auto(image, uv, dx, dy, maxProbes, lod);
+#endif
+    return color;
 }
 
 vec4 image_sample(int record, vec2 uv, vec2 dx, vec2 dy, float maxProbes, out float lod)

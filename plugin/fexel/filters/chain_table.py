@@ -9,7 +9,7 @@ Layout:
               coordinates of a texel
     then per long axis, x and y, and shear in quarters from -4 to 4, of the direction that serves it: shear; where its
               cells are, from the first of these texels on; fewest octaves; 1 where its long axis is x, else 0
-    then the cells of each direction that there is, levels within octaves from 0 on: page coordinates of a period, or of
+    then the cells of each direction that there is, `PLAIN` ones first, levels within octaves from 0 on: page coordinates of a period, or of
               all of the cell where it does not repeat, along the long axis and along the moved one; then of its begin
 """
 
@@ -24,7 +24,10 @@ from numpy.typing import NDArray
 
 from fexel.filters.shears import DIRECTIONS, Direction
 
-__all__ = ["MOST_LEVELS", "Cells", "chain_table"]
+__all__ = ["MOST_LEVELS", "PLAIN", "Cells", "chain_table"]
+
+PLAIN = (0, 3)
+"""Directions that move nothing: of these the image itself is the chain of 0 octaves."""
 
 MOST_LEVELS = 15
 """Levels that a table can have; the coarsest stands for those beyond."""
@@ -56,7 +59,7 @@ def chain_table(cells: Mapping[int, Cells], first: int, page: tuple[int, int]) -
     Parameters
     ----------
     cells : mapping of int to Cells
-        By number of a direction; none of them empty, and at least one.
+        By number of a direction; none of them empty, `PLAIN` ones among them.
     first : int
         Where the table is, from the image's record on.
     page : (int, int)
@@ -71,14 +74,15 @@ def chain_table(cells: Mapping[int, Cells], first: int, page: tuple[int, int]) -
     highest = max(int(each.level.max()) for each in cells.values())
     levels = np.arange(lowest, min(highest, lowest + MOST_LEVELS - 1) + 1)
     row = len(octaves) * len(levels)
-    start = {direction: len(_SLANTS) + row * number for number, direction in enumerate(cells)}
+    order = sorted(cells, key=lambda direction: (direction not in PLAIN, direction))
+    start = {direction: len(_SLANTS) + row * number for number, direction in enumerate(order)}
     serving = [_most_alike(slant, list(cells)) for slant in _SLANTS]
     directions = [
         (DIRECTIONS[used].shear, start[used], int(cells[used].octaves.min()), DIRECTIONS[used].long_axis == 0)
         for used in serving
     ]
     head = [first + 1, lowest + 16 * len(levels) + 256 * (len(octaves) - 1), 1 / page[0], 1 / page[1]]
-    return np.concatenate([[head], directions, *(_row(each, octaves, levels) for each in cells.values())])
+    return np.concatenate([[head], directions, *(_row(cells[each], octaves, levels) for each in order)])
 
 
 def _row(cells: Cells, octaves: NDArray[np.int64], levels: NDArray[np.int64]) -> NDArray[np.float64]:

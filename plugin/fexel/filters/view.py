@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from fexel.filters import FILTERS
 from fexel.filters.chain import Chain
-from fexel.filters.chain_table import Cells, chain_table
+from fexel.filters.chain_table import PLAIN, Cells, chain_table
 from fexel.filters.chain_texels import ChainTexels
 from fexel.filters.chain_wants import Frame, Wants, cells_wanted
 from fexel.textures.footprint import Footprint
@@ -32,7 +32,6 @@ CHAINED = ("ripmap", "fipmap")
 """Filters that look chains up."""
 
 _LOD_MARGIN = 0.2  # as of residency: a footprint may be a little smaller between the places that were looked at
-_PLAIN = (0, 3)  # directions that move nothing: of these the image itself is the chain of 0 octaves
 
 _Window = tuple[NDArray[np.float64], NDArray[np.float64]]
 
@@ -153,7 +152,7 @@ class FilterView:
         facts = pool.facts(self.image)
         cells: dict[int, list[tuple[int, NDArray[np.int64], NDArray[np.float64]]]] = {}
         for part in self.parts:
-            for direction in _PLAIN if part.octaves == 0 else (part.direction,):
+            for direction in PLAIN if part.octaves == 0 else (part.direction,):
                 frame = Frame(direction, facts.size, facts.wrap)
                 levels = part.resident(pool)
                 if len(levels):
