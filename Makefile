@@ -13,7 +13,7 @@ PYTEST_ARGS ?=
 .DEFAULT_GOAL := help
 
 help:
-	@echo "make demo    author zipmaps, pinchmaps and umbrellas from bundled photos and render them into out/demo"
+	@echo "make demo    author zipmaps, pinchmaps and umbrellas from bundled photos, render them and all filters into out/demo"
 	@echo "make test    run the tests (WORKERS=2 PYTEST_ARGS=...)"
 	@echo "make bench   measure; writes a table and plots into out/bench"
 	@echo "make lint    ruff, pyright, codespell"

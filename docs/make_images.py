@@ -12,7 +12,7 @@ from pxr import Usd
 
 import fexel
 from fexel.images import image_info, linear_to_srgb, read_pixels
-from fexel_tools import demo_pinchmap, demo_umbrella, demo_zipmap
+from fexel_tools import demo_fipmap, demo_pinchmap, demo_umbrella, demo_zipmap
 from fexel_tools.contact_sheet import SheetRow, contact_sheet
 
 DOCS = Path(__file__).resolve().parent
@@ -92,6 +92,13 @@ def write_umbrellas(width: int) -> None:
         write("umbrella", read_pixels(image_info(str(result.sheet)))[..., :3])
 
 
+def write_filters(width: int) -> None:
+    """The sheet of `make demo` as ``docs/images/fipmap.png``."""
+    with tempfile.TemporaryDirectory() as folder:
+        result = demo_fipmap.make_fipmap_demo(demo_fipmap.bundled_views(), Path(folder), width)
+        shutil.copyfile(result.sheet, DOCS / "images" / "fipmap.png")
+
+
 def write(name: str, pixels: np.ndarray) -> None:
     """Write ``docs/images/<name>.jpg``."""
     spec = oiio.ImageSpec(pixels.shape[1], pixels.shape[0], 3, oiio.UINT8)
@@ -114,6 +121,7 @@ def main() -> None:
         write("zoom", demo_sheet(renderer, 6, 224))
     write_pinchmaps(240)
     write_umbrellas(300)
+    write_filters(320)
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ import stage_parts  # noqa: E402
 from pinchmap_parts import add_camera  # noqa: E402
 
 TEXTURE = "/World/Materials/Chart/Image"
-TEXELS = 512
+TEXELS = 1024
 TILE = 10.0  # side of one chart, metres
 TILES = 40  # of the floor's side
 HAZE_DISTANCE, HAZE_COLOR = 40.0, (0.62, 0.7, 0.8)
@@ -84,7 +84,7 @@ def main() -> None:
     add_floor(stage, material)
     stage_parts.add_even_light(stage)
     add_camera(stage, "Overview", (-1.0, 1.6, 6.0), (2.2, 1.2, 0.0), 7.0, ASPECT)
-    add_camera(stage, "Detail", (-1.0, 0.8, 6.0), (14.0, 0.0, -16.0), 9.0, ASPECT)
+    add_camera(stage, "Detail", (-1.0, 0.8, 6.0), (14.0, -0.3, -16.0), 5.5, ASPECT)
     fipmap_parts.add_moving_camera(stage, "Flight", flight(), ASPECT)
     stage_parts.save(stage, path)
 

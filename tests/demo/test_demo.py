@@ -1,4 +1,4 @@
-"""`make demo`: photos to a stage, a zoom with and without patches, a contact sheet; then pinchmaps and umbrellas."""
+"""`make demo`: photos to a stage, a zoom with and without patches, a contact sheet; pinchmaps, umbrellas; filters."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ import pytest
 from pxr import Usd, UsdGeom
 
 import fexel
+from fexel.filters import PORTABLE_FILTERS
 from fexel.images import srgb_to_linear
-from fexel_tools import demo, demo_pinchmap, demo_umbrella, demo_zipmap
+from fexel_tools import demo, demo_fipmap, demo_pinchmap, demo_umbrella, demo_zipmap
 
 oiio = pytest.importorskip("OpenImageIO")
 
@@ -164,3 +165,39 @@ def test_stage_of_the_ground_stays_as_the_command_wrote_it(strewn):
     stage = Usd.Stage.Open(str(strewn.stage))
     assert "plain" not in stage.GetRootLayer().ExportToString()
     assert not [finding for finding in fexel.validate(stage) if finding.severity == "error"]
+
+
+@pytest.fixture(scope="module")
+def minified(tmp_path_factory, _gl_session):
+    """Both bundled stages with every filter, small pictures."""
+    return demo_fipmap.make_fipmap_demo(demo_fipmap.bundled_views(), tmp_path_factory.mktemp("fipmap") / "out", 240)
+
+
+def test_minification_is_a_part_of_the_demo_after_the_kinds():
+    assert list(demo.parts()) == ["zipmap", "pinchmap", "umbrella", "fipmap"]
+
+
+def test_fipmap_is_better_than_mipmap_and_ripmap_at_both_views(minified):
+    for view in {name for name, _ in minified.figures}:
+        quality = {token: minified.figures[view, token].psnr_db for token in PORTABLE_FILTERS}
+        assert quality["fipmap"] > quality["ripmap"] + 5 > quality["mipmap"] + 8
+
+
+def test_fipmap_fetches_no_more_than_sixteen_texels_and_the_default_many_more_at_grazing_view(minified):
+    for (_, token), figures in minified.figures.items():
+        assert token != "fipmap" or figures.fetches <= 16
+        assert token != "anisotropic" or figures.fetches > 40
+
+
+def test_layers_of_the_demo_are_what_the_command_writes(minified):
+    assert len(minified.layers) == 2 * len(PORTABLE_FILTERS)
+    for layer in minified.layers:
+        stage = Usd.Stage.Open(str(layer))
+        found = [fexel.TextureMinificationAPI(prim) for prim in stage.Traverse()]
+        assert [api.GetFilterAttr().Get() for api in found if api] == [layer.stem.rpartition("_")[2]]
+
+
+def test_sheet_shows_all_filters_and_what_would_be_right(minified):
+    sheet = pixels(minified.sheet)
+    assert sheet.shape[1] == 6 + (len(PORTABLE_FILTERS) + 1) * (240 + 6)
+    assert sheet.shape[0] > 2 * 240

@@ -1,8 +1,8 @@
 """The demonstration: `make demo` and ``python -m fexel_tools.demo``, on what is bundled with the checkout.
 
-A part per kind of texture, in the order of the registry: ``demo_<kind>``, where there is such a module, has ``ABOUT``,
-what it shows in a clause, ``run(options) -> str``, which does it and says where the results are, and, if it has options
-of its own, ``add_options(parser)``. A new kind touches nothing here.
+A part per kind of texture, in the order of the registry, and one for minification: ``demo_<kind>``, where there is such
+a module, has ``ABOUT``, what it shows in a clause, ``run(options) -> str``, which does it and says where the results
+are, and, if it has options of its own, ``add_options(parser)``. A new kind touches nothing here.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ WIDTH = 320
 
 
 def parts() -> dict[str, ModuleType]:
-    """The demonstration of each kind that has one, in the order of the kinds."""
-    names = {kind: f"fexel_tools.demo_{kind}" for kind in kinds()}
+    """The demonstration of each kind that has one, in the order of the kinds, and that of minification."""
+    names = {kind: f"fexel_tools.demo_{kind}" for kind in (*kinds(), "fipmap")}
     return {kind: importlib.import_module(name) for kind, name in names.items() if importlib.util.find_spec(name)}
 
 
