@@ -23,11 +23,11 @@ __all__ = ["TEXTURES", "bricks", "checkerboard", "line_chart", "text_page"]
 _FINER = 4  # raster cells along each side of a texel
 _SHIFT = 8  # bits of a polygon's coordinates below one cell
 
-_PAPER, _PRINT = 250, 12  # sRGB-encoded grey
+_PAPER, _PRINT = 226, 40  # sRGB-encoded: paper reflects three quarters of the light, ink a fiftieth
 
 
 def checkerboard(size: int = 512, squares: int = 32) -> NDArray[np.uint8]:
-    """So many black and white squares along each side, an even number; sharp where it divides `size`."""
+    """So many dark and light squares along each side, an even number; sharp where it divides `size`."""
     edges = np.arange(squares + 1) / squares
     polygons = [
         _rectangle(edges[i], edges[j], edges[i + 1], edges[j + 1])
@@ -35,7 +35,7 @@ def checkerboard(size: int = 512, squares: int = 32) -> NDArray[np.uint8]:
         for i in range(squares)
         if (i + j) % 2
     ]
-    return _printed(size, polygons, paper=255, ink=0)
+    return _printed(size, polygons)
 
 
 def line_chart(size: int = 512) -> NDArray[np.uint8]:
@@ -84,7 +84,7 @@ def text_page(size: int = 512, lines: int = 28, seed: int = 7) -> NDArray[np.uin
         while cv2.getTextSize(words, cv2.FONT_HERSHEY_COMPLEX, scale, thickness)[0][0] > right - left:
             words = words.rpartition(" ")[0]
         cv2.putText(page, words, (left, base), cv2.FONT_HERSHEY_COMPLEX, scale, 255, thickness, cv2.LINE_8)
-    return _mixed(_coverage(page), _PAPER, _PRINT)
+    return _mixed(_coverage(page))
 
 
 TEXTURES: Mapping[str, Callable[[int], NDArray[np.uint8]]] = MappingProxyType(
@@ -163,15 +163,13 @@ def _rays(centre: tuple[float, float], radius: float, count: int) -> Iterator[ND
         yield np.concatenate([np.zeros((1, 2)), rim]) + centre
 
 
-def _printed(
-    size: int, polygons: Iterable[NDArray[np.float64]], paper: int = _PAPER, ink: int = _PRINT
-) -> NDArray[np.uint8]:
+def _printed(size: int, polygons: Iterable[NDArray[np.float64]]) -> NDArray[np.uint8]:
     """Polygons over [0, 1]^2, y down, as ink on paper."""
     raster = np.zeros((size * _FINER, size * _FINER), np.uint8)
     for polygon in polygons:
         cells = polygon * size * _FINER - 0.5  # cv2 counts from the centre of a cell
         cv2.fillPoly(raster, [np.rint(cells * 2**_SHIFT).astype(np.int32)], 255, cv2.LINE_8, _SHIFT)
-    return _mixed(_coverage(raster), paper, ink)
+    return _mixed(_coverage(raster))
 
 
 def _coverage(raster: NDArray[np.uint8]) -> NDArray[np.float32]:
@@ -180,8 +178,8 @@ def _coverage(raster: NDArray[np.uint8]) -> NDArray[np.float32]:
     return raster.reshape(size, _FINER, size, _FINER).mean((1, 3), dtype=np.float32) / np.float32(255)
 
 
-def _mixed(coverage: NDArray[np.float32], paper: int, ink: int) -> NDArray[np.uint8]:
-    light = srgb_to_linear(np.array([paper, ink]) / 255)
+def _mixed(coverage: NDArray[np.float32]) -> NDArray[np.uint8]:
+    light = srgb_to_linear(np.array([_PAPER, _PRINT]) / 255)
     return _stored(np.repeat((light[0] + (light[1] - light[0]) * coverage)[..., None], 3, axis=2))
 
 
