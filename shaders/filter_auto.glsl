@@ -36,8 +36,8 @@ int auto_choice(Image image, vec2 dx, vec2 dy)
     int minor = auto_place(footprint.minorAxis, -2.0, AUTO_MINORS);
     int ratio = auto_place(footprint.majorAxis / max(footprint.minorAxis, 1e-30), 0.0, AUTO_RATIOS);
     int sector = auto_sector(vec2(footprint.majorDirection.x, -footprint.majorDirection.y));
-    vec4 packed = record_fetch(int(image.table.x) + CHAIN_SLANTS + (sector * AUTO_MINORS + minor) / 2);
-    vec2 ratios = (minor & 1) == 0 ? packed.xy : packed.zw;
+    vec4 eight = record_fetch(int(image.table.x) + CHAIN_SLANTS + (sector * AUTO_MINORS + minor) / 2);
+    vec2 ratios = (minor & 1) == 0 ? eight.xy : eight.zw;
     return (int(ratio < 8 ? ratios.x : ratios.y) >> (3 * (ratio & 7))) & 7;
 }
 

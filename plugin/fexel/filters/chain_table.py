@@ -9,8 +9,10 @@ Layout:
               coordinates of a texel
     then per long axis, x and y, and shear in quarters from -4 to 4, of the direction that serves it: shear; where its
               cells are, from the first of these texels on; fewest octaves; 1 where its long axis is x, else 0
-    then the cells of each direction that there is, `PLAIN` ones first, levels within octaves from 0 on: page coordinates of a period, or of
-              all of the cell where it does not repeat, along the long axis and along the moved one; then of its begin
+    then whatever else a filter knows of the image
+    then the cells of each direction that there is, `PLAIN` ones first, levels within octaves from 0 on: page
+              coordinates of a period, or of all of the cell where it does not repeat, along the long axis and along the
+              moved one; then of its begin
 """
 
 from __future__ import annotations
@@ -53,7 +55,7 @@ class Cells:
     place: NDArray[np.float64]
 
 
-def chain_table(cells: Mapping[int, Cells], first: int, page: tuple[int, int]) -> NDArray[np.float64]:
+def chain_table(cells: Mapping[int, Cells], first: int, page: tuple[int, int], facts: NDArray) -> NDArray[np.float64]:
     """The table of an image.
 
     Parameters
@@ -64,6 +66,8 @@ def chain_table(cells: Mapping[int, Cells], first: int, page: tuple[int, int]) -
         Where the table is, from the image's record on.
     page : (int, int)
         Width and height of the page.
+    facts : (F, 4)
+        What a filter knows of the image.
 
     Returns
     -------
@@ -75,14 +79,14 @@ def chain_table(cells: Mapping[int, Cells], first: int, page: tuple[int, int]) -
     levels = np.arange(lowest, min(highest, lowest + MOST_LEVELS - 1) + 1)
     row = len(octaves) * len(levels)
     order = sorted(cells, key=lambda direction: (direction not in PLAIN, direction))
-    start = {direction: len(_SLANTS) + row * number for number, direction in enumerate(order)}
+    start = {direction: len(_SLANTS) + len(facts) + row * number for number, direction in enumerate(order)}
     serving = [_most_alike(slant, list(cells)) for slant in _SLANTS]
     directions = [
         (DIRECTIONS[used].shear, start[used], int(cells[used].octaves.min()), DIRECTIONS[used].long_axis == 0)
         for used in serving
     ]
     head = [first + 1, lowest + 16 * len(levels) + 256 * (len(octaves) - 1), 1 / page[0], 1 / page[1]]
-    return np.concatenate([[head], directions, *(_row(cells[each], octaves, levels) for each in order)])
+    return np.concatenate([[head], directions, facts, *(_row(cells[each], octaves, levels) for each in order)])
 
 
 def _row(cells: Cells, octaves: NDArray[np.int64], levels: NDArray[np.int64]) -> NDArray[np.float64]:

@@ -6,7 +6,7 @@ a little larger, smaller or more slanted, so that what lies between is there as 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,27 +40,30 @@ class Wants:
     coarsest: NDArray[np.int64]
 
 
-def cells_wanted(jacobian: NDArray[np.float64], choose: Callable) -> Wants:
+def cells_wanted(jacobian: NDArray[np.float64], chosen: Sequence[Callable]) -> Wants:
     """Cells that pieces may show.
 
     Parameters
     ----------
     jacobian : (K, P, 2, 2) float64
         Texels of level 0 per pixel, y down, at P places of each of K pieces.
-    choose : callable
-        From Jacobians (M, 2, 2) to an object with ``direction``, ``octaves``, ``level``, (M,) int.
+    chosen : sequence of callables
+        From Jacobians (M, 2, 2) to a `fexel.filters.lookup.Choice`; what any of them takes is wanted.
     """
     pieces = len(jacobian)
     varied = (_SHEARS[:, None] * _SCALES[:, None, None]).reshape(-1, 2, 2)
     every = np.concatenate([(each @ jacobian).reshape(-1, 2, 2) for each in varied])
     piece = np.tile(np.repeat(np.arange(pieces), jacobian.shape[1]), len(varied))
-    choice = choose(every)
-    own = choice.octaves == 0
-    key = (piece * len(DIRECTIONS) + np.where(own, 0, choice.direction)) * 64 + choice.octaves
+    choices = [choose(every) for choose in chosen]
+    piece = np.tile(piece, len(choices))
+    octaves, level, direction = (
+        np.concatenate([getattr(choice, name) for choice in choices]) for name in ("octaves", "level", "direction")
+    )
+    key = (piece * len(DIRECTIONS) + np.where(octaves == 0, 0, direction)) * 64 + octaves
     unique, back = np.unique(key, return_inverse=True)
     finest, coarsest = np.full(len(unique), 64), np.zeros(len(unique), np.int64)
-    np.minimum.at(finest, back, choice.level)
-    np.maximum.at(coarsest, back, choice.level)
+    np.minimum.at(finest, back, level)
+    np.maximum.at(coarsest, back, level)
     return Wants(unique // 64 // len(DIRECTIONS), unique // 64 % len(DIRECTIONS), unique % 64, finest, coarsest)
 
 

@@ -6,21 +6,24 @@ What shaders/image.glsl does per pixel is foreseen here for pieces of a view. Ri
 
 from __future__ import annotations
 
-from collections.abc import Hashable
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass
+from functools import partial
 from importlib import import_module
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fexel.filters import FILTERS
+from fexel.filters import FILTERS, fipmap, ripmap
 from fexel.filters.chain import Chain
 from fexel.filters.chain_table import PLAIN, Cells, chain_table
 from fexel.filters.chain_texels import ChainTexels
 from fexel.filters.chain_wants import Frame, Wants, cells_wanted
+from fexel.filters.lookup import Choice
 from fexel.textures.footprint import Footprint
 from fexel.textures.image_view import ImageView
+from fexel.textures.kept_texels import KeptTexels
 from fexel.textures.pyramid_cache import ImageFacts, PyramidCache
 
 if TYPE_CHECKING:
@@ -28,8 +31,10 @@ if TYPE_CHECKING:
 
 __all__ = ["CHAINED", "FilterView"]
 
-CHAINED = ("ripmap", "fipmap")
+CHAINED = ("ripmap", "fipmap", "auto")
 """Filters that look chains up."""
+
+_BY_LODS = ("mipmap", "anisotropic", "ewa", "auto")  # that read the image's own levels in a range of level numbers
 
 _LOD_MARGIN = 0.2  # as of residency: a footprint may be a little smaller between the places that were looked at
 
@@ -79,11 +84,14 @@ class FilterView:
         The image, and which of its mip levels are seen.
     parts : tuple
         What is wanted: of chains, and of the image itself.
+    facts : (F, 4) float64
+        What the filter knows of the image.
     """
 
     token: str
     own: ImageView
     parts: tuple[_Part, ...]
+    facts: NDArray[np.float64]
 
     @classmethod
     def of(
@@ -124,20 +132,25 @@ class FilterView:
         number = pool.image(source, path, reader)
         jacobian = jacobian.reshape(len(jacobian), -1, 2, 2)
         window = np.asarray(low, np.float64), np.asarray(high, np.float64)
-        code = FILTERS.index(token)
-        if token not in CHAINED:
-            lods = _lods(token, jacobian, pool.anisotropy)
-            own = ImageView.of(pool, number, *lods, bias, code)
+        parts = []
+        if token in CHAINED:
+            wants = cells_wanted(jacobian, _choices(token))
+            parts.append(_own_part(pool, number, jacobian, wants, window))
+            for direction, octaves in sorted(set(zip(wants.direction.tolist(), wants.octaves.tolist(), strict=True))):
+                if octaves:
+                    chain = Chain(source, direction, octaves, vectors, reader)
+                    parts.append(_chain_part(pool, chain, path, pool.facts(number), wants, window))
+        if token in _BY_LODS:
+            own = ImageView.of(pool, number, *_lods(token, jacobian, pool.anisotropy), bias, FILTERS.index(token))
             levels = np.full(len(jacobian), own.finest), np.full(len(jacobian), own.coarsest)
-            return cls(token, own, (_Part(number, 0, 0, levels, window),))
-        wants = cells_wanted(jacobian, import_module(f"fexel.filters.{token}").choose)
-        parts = [_own_part(pool, number, jacobian, wants, window)]
-        for direction, octaves in sorted(set(zip(wants.direction.tolist(), wants.octaves.tolist(), strict=True))):
-            if octaves:
-                chain = Chain(source, direction, octaves, vectors, reader)
-                parts.append(_chain_part(pool, chain, path, pool.facts(number), wants, window))
-        own = ImageView(number, int(parts[0].levels[0].min()), int(parts[0].levels[1].max()), bias, code)
-        return cls(token, own, tuple(parts))
+            parts.append(_Part(number, 0, 0, levels, window))
+        else:
+            finest, coarsest = parts[0].levels
+            own = ImageView(number, int(finest.min()), int(coarsest.max()), bias, FILTERS.index(token))
+        facts = np.zeros((0, 4))
+        if token == "auto":
+            facts = pool.reader(_Contents).record(reader or pool.reader(PyramidCache), source, path)
+        return cls(token, own, tuple(parts), facts)
 
     def ask(self, pool: TexturePool) -> None:
         """Want all of it."""
@@ -166,7 +179,7 @@ class FilterView:
             )
             for direction, found in cells.items()
         }
-        return np.concatenate([record, chain_table(table, len(record), _page(pool, self.image))])
+        return np.concatenate([record, chain_table(table, len(record), _page(pool, self.image), self.facts)])
 
     def constants(self, pool: TexturePool, record: int) -> NDArray[np.float64]:
         """(2, 4) for image_flat of shaders/image.glsl, of the record that was appended at `record`."""
@@ -217,6 +230,34 @@ class FilterView:
     def page_classes(self, pool: TexturePool) -> frozenset[int]:
         """Of the pages that it is looked up in."""
         return frozenset(int(pool.page_class[number]) for number in self.images)
+
+
+class _Contents:
+    """Keeps what `auto` knows of images; the pool has one, as it has readers."""
+
+    def __init__(self, kept: KeptTexels) -> None:
+        self._kept = kept
+
+    def record(self, reader: TexelReader, source: Hashable, path: str) -> NDArray[np.float64]:
+        """(F, 4) of shaders/filter_auto.glsl."""
+        from fexel.filters import auto, content
+
+        key = (_Contents, source)
+        record = self._kept.get(key)
+        if record is None:
+            record = auto.record(content.measure(reader, source, path))
+            self._kept.keep(key, record, record.nbytes)
+        return record
+
+
+def _choices(token: str) -> list[Callable[[NDArray[np.float64]], Choice]]:
+    """What pixels may choose by."""
+    if token == "auto":
+        from fexel.filters.losses import CANDIDATES
+
+        chained = {candidate.probes for candidate in CANDIDATES if candidate.token == "fipmap"}
+        return [partial(fipmap.choose, probes=probes) for probes in sorted(chained)]
+    return [{"ripmap": ripmap, "fipmap": fipmap}[token].choose]
 
 
 def _lods(token: str, jacobian: NDArray[np.float64], anisotropy: float) -> tuple[float, float]:

@@ -126,7 +126,7 @@ def image_defines(views: Sequence[Viewed], pool: TexturePool, *, probes: bool) -
         "IMAGE_SRGB": int(SRGB in classes),
         "IMAGE_HALF": int(HALF in classes),
         "IMAGE_LEVELS": 2 if any(view.levels > 1 for view in views) else 1,
-        "IMAGE_PROBES": int(probes),
+        "IMAGE_PROBES": int(probes or "auto" in filters),
         "IMAGE_WRAPS": int(any(fact.wrap != ("clamp", "clamp") for fact in facts)),
         "IMAGE_ENDS": int(any(mode not in ("repeat", "mirror") for fact in facts for mode in fact.wrap)),
         "IMAGE_MIRROR": int(any("mirror" in fact.wrap for fact in facts)),
