@@ -319,6 +319,7 @@ def test_command_counts_the_chains_of_a_fipmap(tmp_path, rng):
     assert result.exit_code == 0, (result.output, result.exception)
     textures = json.loads(stats.read_text())["textures"]
     assert textures["filters"] == {"fipmap": 1} and 0 < textures["chains_resident"] < textures["images_resident"]
+    assert 0 < textures["chain_bytes"] < textures["texture_bytes"]
 
 
 @pytest.mark.parametrize(

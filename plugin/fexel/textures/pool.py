@@ -219,7 +219,9 @@ class TexturePool:
         return places
 
     def stats(self) -> dict[str, int]:
-        """Images and levels with texels resident, chains of prefiltered images among them; bytes; levels dropped."""
+        """Images and levels with texels resident, chains of prefiltered images among them; bytes of pages, of the chains
+        in them, of records; levels dropped.
+        """
         residents = [cast("tuple[Hashable, int]", key) for atlas in self.atlases for key in atlas.residents]
         sources = {source for source, _ in residents}
         return {
@@ -227,9 +229,21 @@ class TexturePool:
             "chains_resident": sum(isinstance(source, Chain) for source in sources),
             "levels_resident": len(residents),
             "texture_bytes": sum(atlas.nbytes for atlas in self.atlases),
+            "chain_bytes": self._chain_bytes(),
             "record_bytes": self.records.nbytes,
             "dropped_levels": self.dropped_levels,
         }
+
+    def _chain_bytes(self) -> int:
+        """Of the texels of chains, borders included."""
+        total = 0
+        for atlas, page in zip(self.atlases, PAGE_FORMATS, strict=True):
+            for key, resident in atlas.residents.items():
+                source, _ = cast("tuple[Hashable, int]", key)
+                if isinstance(source, Chain):
+                    left, top, right, bottom = resident.box
+                    total += (right - left + 2) * (bottom - top + 2) * page.bytes_per_texel
+        return total
 
     def release(self) -> None:
         """Free all GL objects."""
