@@ -219,8 +219,8 @@ class TexturePool:
         return places
 
     def stats(self) -> dict[str, int]:
-        """Images and levels with texels resident, chains of prefiltered images among them; bytes of pages, of the chains
-        in them, of records; levels dropped.
+        """Images and levels with texels resident, chains of prefiltered images among them; bytes of pages, of the
+        chains in them, of records; levels dropped.
         """
         residents = [cast("tuple[Hashable, int]", key) for atlas in self.atlases for key in atlas.residents]
         sources = {source for source, _ in residents}
