@@ -184,7 +184,7 @@ class FilterView:
     def constants(self, pool: TexturePool, record: int) -> NDArray[np.float64]:
         """(2, 4) for image_flat of shaders/image.glsl, of the record that was appended at `record`."""
         texels = self.record(pool)
-        head, table = texels[0], np.zeros(4)
+        head, table = texels[0], np.array([record + 2.0 + self._own_levels(pool), 0, 0, 0])  # by which it is found
         if self.token in CHAINED:
             table = texels[1 + self._own_levels(pool)] + [record, 0, 0, 0]
         return np.stack([head, table])
