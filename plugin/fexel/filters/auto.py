@@ -25,13 +25,16 @@ if TYPE_CHECKING:
 
 __all__ = ["BOUND_DB", "CHAINS", "Choice", "choose", "decibels", "decide", "lods", "predict", "record", "sample"]
 
-BOUND_DB = 44.0
-"""Peak signal-to-noise ratio asked for: an error of 1.6 of 255 steps, which is hardly seen."""
+BOUND_DB = 40.0
+"""A bound that means something to a person: errors of 2.6 of 255 steps, which are hardly seen."""
 
 CHAINS = True
 """Chains may be wanted, as of a fipmap."""
 
-_WORTH_DB = 1.0  # where none is good enough: what is cheaper may be that much worse than the best
+_PRICE = 1 / 32  # of a fetch, in squares of the bound: more is not spent on coming nearer to it
+_REFERENCE = Candidate("anisotropic", 16)
+_MARGIN_DB = 3.0  # by how much 16 probes may be better than foretold; fipmaps are hardly
+_STEPS_DB = np.arange(20.0, 80.0, 0.25)  # bounds that are tried
 _Ints = NDArray[np.int64]
 _Floats = NDArray[np.float64]
 
@@ -81,18 +84,60 @@ def predict(jacobian: _Floats, content: Content) -> dict[str, _Floats]:
     return {candidate.token: found[candidate][places] for candidate in PORTABLE}
 
 
-def decide(content: Content, bound_db: float = BOUND_DB) -> tuple[NDArray[np.uint8], _Floats]:
-    """Number in `CANDIDATES` and error for each cell, both (SECTORS, RATIOS, MINORS)."""
+def decide(content: Content, bound_db: float | None = None) -> tuple[NDArray[np.uint8], _Floats]:
+    """What footprints take.
+
+    Parameters
+    ----------
+    content : Content
+    bound_db : float, optional
+        Error to stay below, as `decibels`; by default what 16 anisotropic probes have on a floor that is
+        seen to the horizon. Beyond reach, or where only many more fetches would do, it is come near to.
+
+    Returns
+    -------
+    chosen : (SECTORS, RATIOS, MINORS) uint8
+        Number in `CANDIDATES`.
+    error : (SECTORS, RATIOS, MINORS) float64
+        Root mean square.
+    """
     found = errors(content.energy)
-    error = np.stack([found[candidate] for candidate in CANDIDATES])
+    squares = np.stack([found[candidate] ** 2 for candidate in CANDIDATES])
     ratio = np.exp2(np.arange(RATIOS) / 2)[None, :, None]
-    cost = np.stack([np.broadcast_to(candidate.fetches(ratio), error.shape[1:]) for candidate in CANDIDATES])
-    allowed = np.maximum(10 ** (-bound_db / 20), error.min(axis=0) * 10 ** (_WORTH_DB / 20))
-    chosen = np.where(error <= allowed, cost, np.inf).argmin(axis=0)
-    return chosen.astype(np.uint8), np.take_along_axis(error, chosen[None], axis=0)[0]
+    cost = np.stack([np.broadcast_to(candidate.fetches(ratio), squares.shape[1:]) for candidate in CANDIDATES])
+    if bound_db is None:
+        bound_db = _as_good_as(found[_REFERENCE] ** 2, squares, cost)
+    chosen = _cheapest(squares, cost, bound_db)
+    return chosen.astype(np.uint8), np.sqrt(np.take_along_axis(squares, chosen[None], axis=0)[0])
 
 
-def choose(jacobian: _Floats, content: Content, bound_db: float = BOUND_DB) -> Choice:
+def _cheapest(squares: _Floats, cost: _Floats, bound_db: float) -> _Ints:
+    bound = 10 ** (-bound_db / 10)
+    return np.argmin(np.maximum(squares - bound, 0.0) + _PRICE * bound * cost, axis=0)
+
+
+def _as_good_as(reference: _Floats, squares: _Floats, cost: _Floats) -> float:
+    """The loosest bound, dB, with which a floor is as good as the reference."""
+    floor = _floor()
+    asked = np.sum(floor * reference) * 10 ** (-_MARGIN_DB / 10)
+    for bound_db in _STEPS_DB.tolist():
+        chosen = _cheapest(squares, cost, bound_db)
+        if np.sum(floor * np.take_along_axis(squares, chosen[None], axis=0)[0]) <= asked:
+            return bound_db
+    return float(_STEPS_DB[-1])
+
+
+def _floor() -> _Floats:
+    """(RATIOS, MINORS): shares of the pixels of a floor from 20 degrees on to the horizon.
+
+    The ratio of axes is in inverse proportion to the rows below the horizon, the minor axis in proportion to the ratio:
+    1/4 texel a pixel straight below the camera.
+    """
+    ratio, minor = np.arange(RATIOS)[:, None], np.arange(MINORS)[None] - 2  # half octaves
+    return np.where((ratio >= 3) & (minor - ratio == -4), np.exp2(-0.5 * ratio), 0.0)
+
+
+def choose(jacobian: _Floats, content: Content, bound_db: float | None = None) -> Choice:
     """What pixels take, (K, 2, 2) as of `predict`."""
     chosen, error = decide(content, bound_db)
     places = cells(jacobian)
@@ -100,12 +145,13 @@ def choose(jacobian: _Floats, content: Content, bound_db: float = BOUND_DB) -> C
     return Choice(*numbers[chosen[places]].T, error[places])
 
 
-def lods(jacobian: _Floats, probes: float = 16.0) -> _Floats:
-    """(M,) finest real-valued mip levels that any of `CANDIDATES` may read of (M, 2, 2)."""
-    return Footprint.of(usable(jacobian)).level(max(probes, 16.0))
+def lods(jacobian: _Floats) -> tuple[_Floats, _Floats]:
+    """Finest and coarsest real-valued mip levels, (M,) both, that any of `CANDIDATES` may read of (M, 2, 2)."""
+    footprint = Footprint.of(usable(jacobian))
+    return footprint.level(np.inf), footprint.level(1.0)
 
 
-def record(content: Content, bound_db: float = BOUND_DB) -> NDArray[np.float64]:
+def record(content: Content, bound_db: float | None = None) -> NDArray[np.float64]:
     """(SECTORS * MINORS / 2, 4): the table of shaders/filter_auto.glsl, eight ratios of three bits a component."""
     chosen = decide(content, bound_db)[0].astype(np.int64).transpose(0, 2, 1)
     packed = np.sum(chosen.reshape(SECTORS, MINORS, RATIOS // 8, 8) << (3 * np.arange(8)), axis=3)
@@ -113,7 +159,7 @@ def record(content: Content, bound_db: float = BOUND_DB) -> NDArray[np.float64]:
 
 
 def sample(
-    twin: FilterTwin, xy: _Floats, jacobian: _Floats, content: Content | None = None, bound_db: float = BOUND_DB
+    twin: FilterTwin, xy: _Floats, jacobian: _Floats, content: Content | None = None, bound_db: float | None = None
 ) -> tuple[_Floats, _Ints]:
     """Values (M, 4) and texels fetched (M,) of pixels, each with what it chooses; `content` is that of the image."""
     content = content or Content.of(twin.image)

@@ -33,6 +33,7 @@ SECTORS = 16
 _WINDOW = 256  # texels
 _LARGEST = 4096  # of a level that is looked at: finer ones are not read for this
 _LEAST = 16  # a level smaller than that has no rings of its own
+_RINGS = 10  # of a window
 _DARKEST = 0.0031308  # below, sRGB is linear and slopes no more
 
 
@@ -109,7 +110,7 @@ def _windows_of(level: NDArray[np.floating]) -> Iterator[NDArray[np.floating]]:
 
 
 def _energy(levels: Iterable[Iterable[NDArray[np.floating]]], first: int, encoded: bool) -> NDArray[np.float64]:
-    """Each level tells of the rings that its box has hardly touched, the finest one of all that are finer, too."""
+    """Each level tells of rings that its box has hardly touched; the first of all finer, the last of all coarser."""
     energy = np.zeros((RINGS, SECTORS))
     for number, windows in enumerate(levels):
         rings = [
@@ -120,12 +121,13 @@ def _energy(levels: Iterable[Iterable[NDArray[np.floating]]], first: int, encode
         found = np.mean(rings, axis=0)
         low = 3 if number else 0
         start = 2 * (number + first) + low
+        energy[start:] = 0.0  # what the level before has told of these
         energy[start : start + len(found) - low] = found[low : low + max(RINGS - start, 0)]
     return energy
 
 
 def _rings(window: NDArray[np.floating], boxed: bool, encoded: bool) -> NDArray[np.float64]:
-    """(5, SECTORS): the rings from sqrt(1/2) down to 1/8 sqrt 2 cycles per texel of this level."""
+    """(_RINGS, SECTORS): the rings from sqrt(1/2) cycles per texel of this level on."""
     texels = np.asarray(window, np.float64)
     height, width = texels.shape[:2]
     taper = np.outer(_taper(height), _taper(width))[..., None]
@@ -137,9 +139,9 @@ def _rings(window: NDArray[np.floating], boxed: bool, encoded: bool) -> NDArray[
         power = power / np.maximum((np.sinc(fx) * np.sinc(fy)) ** 2, 0.1)  # 0.1: no more than the box leaves anywhere
     ring = np.floor(-2 * np.log2(np.maximum(np.hypot(fx, fy), 1e-9)) - 0.5).astype(np.int64)  # 1e-9: the mean
     sector = np.floor(np.mod(np.arctan2(fy, fx) / np.pi + 0.5 / SECTORS, 1.0) * SECTORS).astype(np.int64) % SECTORS
-    counts = (ring >= 0) & (ring < 5)
+    counts = (ring >= 0) & (ring < _RINGS)
     place = ring[counts] * SECTORS + sector[counts]
-    return np.bincount(place, power[counts], 5 * SECTORS).reshape(5, SECTORS)
+    return np.bincount(place, power[counts], _RINGS * SECTORS).reshape(_RINGS, SECTORS)
 
 
 def _taper(size: int) -> NDArray[np.float64]:

@@ -90,10 +90,11 @@ class Ellipse:
         return cls(level, xx + extra[:, 0], xy, yy + extra[:, 1], determinant, magnified)
 
 
-def lods(jacobian: NDArray[np.float64], probes: float = 1.0) -> NDArray[np.float64]:  # noqa: ARG001
-    """(M,) real-valued mip levels of (M, 2, 2), texels of level 0 per pixel; probes are for other filters."""
+def lods(jacobian: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Finest and coarsest real-valued mip levels, (M,) both, that are read of (M, 2, 2), in texels per pixel."""
     footprint = Footprint.of(_usable(jacobian))
-    return _lod(np.maximum(footprint.minor, footprint.major / MOST_RATIO))
+    lod = _lod(np.maximum(footprint.minor, footprint.major / MOST_RATIO))
+    return lod, lod
 
 
 def sample(

@@ -54,23 +54,28 @@ CANDIDATES = (
     Candidate("mipmap", 1),
     Candidate("anisotropic", 2),
     Candidate("anisotropic", 4),
-    Candidate("anisotropic", 8),
-    Candidate("anisotropic", 16),
     Candidate("fipmap", 4),
+    Candidate("fipmap", 6),
     Candidate("fipmap", 8),
+    Candidate("fipmap", 12),
     Candidate("fipmap", 16),
 )
 """What `auto` chooses from; eight, which shaders/filter_auto.glsl knows by number."""
 
-PORTABLE = CANDIDATES[0], CANDIDATES[4], Candidate("ripmap", ripmap.PROBES), Candidate("fipmap", fipmap.PROBES)
+PORTABLE = (
+    Candidate("mipmap", 1),
+    Candidate("anisotropic", 16),
+    Candidate("ripmap", ripmap.PROBES),
+    Candidate("fipmap", fipmap.PROBES),
+)
 """The filters of stages as they are drawn unless asked otherwise."""
 
 _EXACT = 6  # minor axes whose level may be 0; of greater ones only the two of an octave
 _FINER = MINORS - _EXACT - 2  # rings beyond the finest, for these
 _STEPS = (0, 1, 2, 3, 4, 6, 8, 10, 12, 14)  # of RATIOS that are computed; what lies between is their mean
-_ALONG = np.array([0, 0.25, 0.5, 0.75, 1, 1.5, 2, 3, 4, 6, 8])  # waves per major axis: bounds of the nodes
-_ACROSS = np.exp2(np.arange(-24, 3) / 3)  # waves per minor axis
-_HALF_OCTAVE = (2**0.5 - 2**-0.5) / 2
+_ALONG = np.array([0, 0.25, 0.5, 0.75, 1, 1.5, 2.25, 3.5, 6])  # waves per major axis: bounds of the nodes
+_ACROSS = np.exp2(np.arange(-14, 3) / 2)  # waves per minor axis
+_FALL = 3.0  # energy per area of the frequency plane falls with this power of the frequency: edges
 _Floats = NDArray[np.float64]
 
 
@@ -169,16 +174,18 @@ def _integrals(candidate: Candidate, axes: transfer.Axes) -> _Floats:
     u, v = np.meshgrid(along, across)
     x, y = axes.unit
     fx, fy = (x * u - y * v).ravel(), (y * u + x * v).ravel()
-    loss = _loss(candidate, axes, fx, fy) * np.outer(across_width, along_width).ravel()
-    ring = np.floor(-2 * np.log2(np.hypot(fx, fy)) - 0.5).astype(np.int64) + _FINER
+    radius = np.hypot(fx, fy)
+    loss = _loss(candidate, axes, fx, fy) * np.outer(across_width, along_width).ravel() * radius**-_FALL
+    ring = np.floor(-2 * np.log2(radius) - 0.5).astype(np.int64) + _FINER
     turn = np.mod(np.arctan2(fy, fx) / np.pi + 0.5 / content.SECTORS, 1.0)
     sector = np.floor(turn * content.SECTORS).astype(np.int64) % content.SECTORS
     rings = _FINER + content.RINGS
     counts = (ring >= 0) & (ring < rings)
     place = ring[counts] * content.SECTORS + sector[counts]
     total = np.bincount(place, loss[counts], rings * content.SECTORS).reshape(rings, content.SECTORS)
-    middle = np.exp2(-0.5 * (np.arange(rings) - _FINER + 1))
-    return total / (np.pi / content.SECTORS * _HALF_OCTAVE * middle**2)[:, None]
+    outer = np.exp2(-0.5 * (np.arange(rings) - _FINER + 0.5))
+    whole = (np.pi / content.SECTORS) * ((outer * 0.5**0.5) ** (2 - _FALL) - outer ** (2 - _FALL)) / (_FALL - 2)
+    return total / whole[:, None]
 
 
 def _nodes(bounds: _Floats) -> tuple[_Floats, _Floats]:

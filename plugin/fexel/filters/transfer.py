@@ -2,8 +2,8 @@
 
 A lookup at a random place turns a wave of frequency f into itself, by a factor that is the filter's transfer function,
 and into aliases of the texels that it reads. The squared error is |H - G|^2 plus the squares of the aliases, where G is
-the truth's factor: a box over the footprint of the bilinearly interpolated image. A bilinear access is a tent, a texel of
-a mip level the mean of as many of level 0: products of sines over their arguments, all of them.
+the truth's factor: a box over the footprint of the bilinearly interpolated image. A bilinear access is a tent, a texel
+of a mip level the mean of as many of level 0: products of sines over their arguments, all of them.
 
 Frequencies are cycles per texel of level 0; footprints are ellipses given by both axes in texels.
 """
@@ -22,7 +22,7 @@ from fexel.filters.shears import DIRECTIONS
 
 __all__ = ["EXTENT", "PHASES", "Axes", "chosen_loss", "probe_loss"]
 
-PHASES = 3
+PHASES = 2
 """Places within a texel that stand for all."""
 
 EXTENT = (1 << 40, 1 << 40)
@@ -79,13 +79,12 @@ def probe_loss(axes: Axes, most: float, fx: _Floats, fy: _Floats) -> _Floats:
     level, share = math.floor(lod), lod - math.floor(lod)
     x, y = axes.major * axes.unit
 
-    def row(gx: _Floats, gy: _Floats) -> tuple[_Floats, float]:
-        return _equidistant((x * gx + y * gy) / count, count), 0.0
+    def row(gx: _Floats, gy: _Floats) -> _Floats:
+        return _equidistant((x * gx + y * gy) / count, count)
 
-    fine, fine_aliases = _accesses(row, level, fx, fy)
-    coarse, coarse_aliases = _accesses(row, level + 1, fx, fy)
-    wrong = (1 - share) * fine + share * coarse - axes.truth(fx, fy)
-    return wrong**2 + (1 - share) ** 2 * fine_aliases + share**2 * coarse_aliases
+    fine, fine_aliases = _accesses(axes, row, (level, 1 - share), fx, fy)
+    coarse, coarse_aliases = _accesses(axes, row, (level + 1, share), fx, fy)
+    return np.abs(fine + coarse - axes.truth(fx, fy)) ** 2 + fine_aliases + coarse_aliases
 
 
 def chosen_loss(
@@ -103,51 +102,63 @@ def chosen_loss(
     fx, fy : float64
     """
     level, octaves, direction = int(choice.level[0]), int(choice.octaves[0]), DIRECTIONS[choice.direction[0]]
-    truth = axes.truth(fx, fy)
-    if choice.compact[0]:
-        found = taps(choice, np.zeros((PHASES, 2)))
-        weight, (x, y) = found.weight[0], found.at[0].T
-
-        def points(gx: _Floats, gy: _Floats) -> tuple[_Floats, _Floats]:
-            waves = 2 * np.pi * (np.multiply.outer(x, gx) + np.multiply.outer(y, gy))
-            return np.tensordot(weight, np.cos(waves), 1), np.tensordot(weight, np.sin(waves), 1)
-
-        straight, aliases = _accesses(points, level, fx, fy)
-        return (straight - truth) ** 2 + aliases
-    long, short = 2.0 ** (level + octaves), 2.0**level
-    axis = direction.long_axis
-    places = np.zeros((PHASES, 2))
-    places[:, axis] = 4096 * long + (np.arange(PHASES) + 0.5) / PHASES * long
+    texel = 2.0 ** (level + octaves)
+    places = 4096 * texel + np.outer((np.arange(PHASES) + 0.5) / PHASES * texel, [1.0, 1.0])
     found = taps(choice, places)
-    along, across = (fx, fy) if axis == 0 else (fy, fx)
-    waves = along - direction.shear * across, across
-    own = _equidistant(waves[0], long) * _equidistant(across, short)
+    if octaves == 0:
+        phases = zip(found.at - places[:, None], found.weight, strict=True)
+        return np.mean([_points_loss(axes, at, weight, level, fx, fy) for at, weight in phases], axis=0)
+    axis = direction.long_axis
+    across = fy if axis == 0 else fx
+    waves = (fx if axis == 0 else fy) - direction.shear * across, across
+    short, truth = 2.0**level, axes.truth(fx, fy)
+    own = _equidistant(waves[0], texel) * _equidistant(across, short)
     tent = np.sinc(across * short) ** 2
     leaked = np.maximum((2 + np.cos(2 * np.pi * across * short)) / 3 - tent**2, 0.0)  # aliases of the tent
     squares = np.zeros_like(fx)
     for place, at, weight in zip(places[:, axis], found.at[..., axis], found.weight, strict=True):
-        factor = _row(at, weight, place, (long, float(choice.tilt[0])), waves) * own
+        factor = _row(at, weight, place, (texel, float(choice.tilt[0])), waves) * own
         squares += np.abs(factor * tent - truth) ** 2 + np.abs(factor) ** 2 * leaked
     return squares / PHASES
 
 
+def _points_loss(axes: Axes, at: _Floats, weight: _Floats, level: int, fx: _Floats, fy: _Floats) -> _Floats:
+    """Of bilinear accesses of a mip level at (T, 2) texels from the footprint's centre."""
+    waves = _wave(np.multiply.outer(at[:, 0], fx) + np.multiply.outer(at[:, 1], fy))
+
+    def points(gx: _Floats, gy: _Floats) -> NDArray:
+        # A whole shift of all frequencies turns each place's waves alike.
+        turned = weight * _wave(at[:, 0] * (gx[0] - fx[0]) + at[:, 1] * (gy[0] - fy[0]))
+        return _sum(turned, waves)
+
+    straight, aliases = _accesses(axes, points, (level, 1.0), fx, fy)
+    return np.abs(straight - axes.truth(fx, fy)) ** 2 + aliases
+
+
 def _row(
     at: _Floats, weight: _Floats, place: float, cell: tuple[float, float], waves: tuple[_Floats, _Floats]
-) -> NDArray[np.complex128]:
+) -> NDArray[np.complex64]:
     """What accesses along the long axis make of waves about a place, in the moved image.
 
     at, weight: (T,); cell: length of a texel, tilt; waves: along the long axis and across.
     """
     texel, tilt = cell
+    at, weight = at[weight > 0], weight[weight > 0]
     column = np.floor(at / texel - 0.5)
     share = at / texel - 0.5 - column
-    total = np.zeros(waves[0].shape, np.complex128)
-    for pick in np.flatnonzero(weight):
-        left = (column[pick] + 0.5) * texel - place
-        drift = waves[1] * (tilt * (at[pick] - place))
-        step = np.exp(2j * np.pi * waves[0] * texel)
-        total += weight[pick] * np.exp(2j * np.pi * (waves[0] * left + drift)) * (1 - share[pick] + share[pick] * step)
-    return total
+    left = (column + 0.5) * texel - place
+    starts = _wave(np.multiply.outer(left, waves[0]) + np.multiply.outer(tilt * (at - place), waves[1]))
+    return _sum(weight * (1 - share), starts) + _sum(weight * share, starts) * _wave(waves[0] * texel)
+
+
+def _sum(weight: NDArray, waves: NDArray[np.complex64]) -> NDArray[np.complex64]:
+    """Of weighted waves; not by a matrix product, whose threads cost more than such small ones."""
+    return np.einsum("t,tf->f", weight.astype(np.complex64), waves)
+
+
+def _wave(cycles: _Floats) -> NDArray[np.complex64]:
+    turned = ((cycles - np.rint(cycles)) * (2 * np.pi)).astype(np.float32)
+    return np.cos(turned) + 1j * np.sin(turned)
 
 
 def _equidistant(wave: _Floats, count: float) -> _Floats:
@@ -155,29 +166,29 @@ def _equidistant(wave: _Floats, count: float) -> _Floats:
     if count == 1:
         return np.ones_like(wave)
     sine = np.sin(np.pi * wave)
-    alike = (
-        np.abs(sine) < 1e-6
-    )  # both sines vanish; of an even count, samples an odd number of cycles apart are opposite
+    alike = np.abs(sine) < 1e-6  # both sines vanish: samples are whole cycles apart, alike but for the sign
     sign = np.where(np.round(wave) % 2 * (count - 1) % 2 == 0, 1.0, -1.0)
     return np.where(alike, sign, np.sin(np.pi * count * wave) / (count * np.where(alike, 1.0, sine)))
 
 
 def _accesses(
-    mean: Callable[[_Floats, _Floats], tuple[_Floats, _Floats | float]], level: int, fx: _Floats, fy: _Floats
-) -> tuple[_Floats, _Floats]:
-    """Transfer function of bilinear accesses of a mip level, and the squares of its aliases together.
+    axes: Axes,
+    mean: Callable[[_Floats, _Floats], NDArray],
+    part: tuple[int, float],
+    fx: _Floats,
+    fy: _Floats,
+) -> tuple[NDArray, _Floats]:
+    """Transfer function of bilinear accesses of a mip level, and squared error of all its aliases together.
 
-    mean: cosine and sine of a wave, averaged over the places of the accesses, which are symmetric.
+    mean: a wave averaged over the places of the accesses; part: the level, and its share of what is looked up. What
+    lies between texels of level 0 has aliases in truth, too.
     """
+    level, share = part
     size = 2.0**level
-    tent = np.sinc(fx * size), np.sinc(fy * size)
-    box = _equidistant(fx, size) * _equidistant(fy, size)
+    box = share * _equidistant(fx, size) * _equidistant(fy, size)
     aliases = np.zeros_like(fx)
     for i, j in _NEIGHBORS:
-        even, odd = mean(fx + i / size, fy + j / size)
-        # sinc(x + 1) is sinc(x) but for its sign and x / (x + 1)
-        wave, sign = (fx, i) if i else (fy, j)
-        shifted = wave * size + sign
-        tents = box * (tent[0] * tent[1] * wave * size / np.where(shifted == 0, 1.0, shifted)) ** 2
-        aliases += (even**2 + odd**2) * np.where(shifted == 0, 0.0, tents) ** 2
-    return mean(fx, fy)[0] * box * (tent[0] * tent[1]) ** 2, aliases
+        gx, gy = fx + i / size, fy + j / size
+        truth = axes.truth(gx, gy) if level == 0 else 0.0
+        aliases += np.abs(mean(gx, gy) * box * (np.sinc(gx * size) * np.sinc(gy * size)) ** 2 - truth) ** 2
+    return mean(fx, fy) * box * (np.sinc(fx * size) * np.sinc(fy * size)) ** 2, aliases
