@@ -334,3 +334,14 @@ def test_command_refuses_what_there_is_not_in_one_line(tmp_path, rng, option, va
     result = render_command(tmp_path / "quad.usda", tmp_path / "a.png", option, value)
     assert isinstance(result.exception, FexelError) and str(result.exception) == message
     assert not (tmp_path / "a.png").exists()
+
+
+@pytest.mark.parametrize("filter", ["ripmap", "fipmap"])
+def test_patch_that_is_too_small_to_be_seen_needs_nothing(tmp_path, rng, filter):
+    stage = textured(tmp_path, rng, "ZipmapTexture")
+    patch = stage.DefinePrim(f"{TEXTURE}/Patch", "ZipmapTexture")
+    patch.GetAttribute("inputs:file").Set(Sdf.AssetPath("./image.png"))
+    patch.GetAttribute("inputs:matrix").Set(Gf.Matrix3d(5000, 0, 0, 0, 5000, 0, -2500, -2500, 1))
+    with Renderer(filter=filter) as renderer:
+        images = renderer.render(stage, width=16, height=16, aovs=("filter", "patch"))
+    assert (images["filter"] == FILTERS.index(filter)).all() and (images["patch"] == 0).all()

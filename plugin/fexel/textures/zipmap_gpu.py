@@ -198,9 +198,10 @@ def plan(data: ZipmapData, sight: Sight, pool: TexturePool) -> _ZipmapPlan:
     levels = pair_levels(pairs, layers.size)
     at = layers.has_levels[pairs.layer]
     pool.ask(layers.image[pairs.layer[at]], (levels[0][at], levels[1][at]), (pairs.low[at], pairs.high[at]))
-    for layer in np.unique(pairs.layer):
-        if layer in layers.filtered:
-            layers.filtered[layer].ask(pool)
+    for layer in set(layers.filtered).difference(pairs.layer.tolist()):
+        del layers.filtered[layer]  # too small to be seen
+    for view in layers.filtered.values():
+        view.ask(pool)
     others = {}
     for layer in np.unique(pairs.layer[is_other[pairs.layer]]):
         other = nested[number[layer]]
