@@ -1,9 +1,9 @@
 """Eq. (1) of the zipmap paper in float64 NumPy: the oracle of shaders/zipmap.glsl.
 
-Same filtering (trilinear, or several probes along the footprint's major axis) but none of its machinery: no index, no
-pages, no windows, no early out. Every layer is looked up at every point and blended back to front: ``C = alpha_i C_i +
-(1 - alpha_i) C``, which multiplied out is ``C = sum_i w_i C_i, w_i = alpha_i prod_{j>i} (1 - alpha_j)`` (Eisemann and
-Magnor 2010).
+Same filtering (trilinear, or several probes along the footprint's major axis; other filters by `FilterTwin`) but none
+of its machinery: no index, no pages, no windows, no early out. Every layer is looked up at every point and blended back
+to front: ``C = alpha_i C_i + (1 - alpha_i) C``, which multiplied out is ``C = sum_i w_i C_i, w_i = alpha_i prod_{j>i}
+(1 - alpha_j)`` (Eisemann and Magnor 2010).
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fexel import homography, mipmaps
+from fexel.filters.twin import FilterTwin
 
 __all__ = ["layer_pyramid", "sample_zipmap"]
 
@@ -41,6 +42,7 @@ def sample_zipmap(
     jacobian: NDArray[np.float64],
     wrap: tuple[str, str] = ("clamp", "clamp"),
     anisotropy: float = 1.0,
+    filters: Sequence[str] = (),
 ) -> NDArray[np.float64]:
     """Look up a zipmap.
 
@@ -58,6 +60,8 @@ def sample_zipmap(
         Of the root.
     anisotropy : float
         Most probes per lookup.
+    filters : sequence of str
+        Of each layer, of `fexel.filters.FILTERS`; default ``anisotropic`` for all.
 
     Returns
     -------
@@ -67,9 +71,28 @@ def sample_zipmap(
     color = np.zeros((len(st), 4))
     for number, levels in enumerate(pyramids):
         modes = wrap if number == 0 else ("black", "black")
-        layer = opacity[number] * _sample_layer(levels, st_to_layer[number], st, jacobian, modes, anisotropy)
+        token = filters[number] if filters else "anisotropic"
+        if token in ("mipmap", "anisotropic"):
+            most = 1.0 if token == "mipmap" else anisotropy
+            layer = _sample_layer(levels, st_to_layer[number], st, jacobian, modes, most)
+        else:
+            layer = _sample_filtered(FilterTwin(levels[0], modes), token, st_to_layer[number], st, jacobian)
+        layer = opacity[number] * layer
         color = layer + (1.0 - layer[:, 3:]) * color
     return color
+
+
+def _sample_filtered(
+    twin: FilterTwin, token: str, matrix: NDArray[np.float64], st: NDArray[np.float64], jacobian: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """By a filter that reads prefiltered images: of a patch those of its level 0, whose rim is cleared."""
+    result = np.zeros((len(st), 4))
+    front = st @ matrix[:2, 2] + matrix[2, 2] > 0
+    uv = homography.apply(matrix, st[front])
+    size = np.array(twin.image.shape[1::-1], np.float64)
+    axes = homography.jacobian(matrix, st[front]) @ jacobian[front] * (size * [1, -1])[:, None]
+    result[front] = twin.sample(token, np.stack([uv[:, 0], 1 - uv[:, 1]], 1) * size, axes)[0]
+    return result
 
 
 def _sample_layer(
