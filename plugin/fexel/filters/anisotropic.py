@@ -1,4 +1,4 @@
-"""Isotropic probes along the major axis of the footprint, as graphics hardware has them (texture_filter_anisotropic)."""
+"""Isotropic probes along the major axis of the footprint, as graphics hardware has them."""
 
 from __future__ import annotations
 

@@ -2,9 +2,9 @@
 
 A ripmap (McReynolds) has a level for every pair of resolutions; its diagonals are chains whose levels halve both axes
 at once, as mip levels do. So a chain is an image with mip levels to all that loads, drops and binds images; the one of
-direction 0 or 3 and 0 octaves is the texture itself. Only chains that are coarser along the long axis are of use (notes,
-F7), in fine directions only those much coarser (`Direction.octaves`): 4/3 of the texture's memory in 4 directions, half
-of that in 4 more, a quarter in 8 more, 12 times altogether with the texture and its mip levels.
+direction 0 or 3 and 0 octaves is the texture itself. Only chains that are coarser along the long axis are of use
+(notes, F7), in fine directions only those much coarser (`Direction.octaves`): 4/3 of the texture's memory in each of 4
+directions, half of that in 4 more, a quarter in 8 more, 12 times altogether with the texture and its mip levels.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from collections.abc import Hashable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from fexel.filters.shears import DIRECTIONS, Direction
+from fexel.filters.shears import FINE_DIRECTIONS, Direction
 
 if TYPE_CHECKING:
     from fexel.textures.pool import TexelReader
@@ -30,7 +30,7 @@ class Chain:
     image : hashable
         Source of the image in the pool, such as an `ImageSource`.
     direction : int
-        Of `fexel.filters.shears.DIRECTIONS`.
+        Of `fexel.filters.shears.FINE_DIRECTIONS`.
     octaves : int
         Log2 of how much coarser the long axis is; >= 1.
     vectors : bool
@@ -50,7 +50,7 @@ class Chain:
 
         A mirrored axis counts as repeating and is twice as long: the image and its mirror image.
         """
-        direction: Direction = DIRECTIONS[self.direction]
+        direction: Direction = FINE_DIRECTIONS[self.direction]
         size = [width, height]
         long, moved = direction.long_axis, 1 - direction.long_axis
         if not repeats[moved]:

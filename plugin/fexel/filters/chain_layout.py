@@ -14,7 +14,7 @@ from functools import cached_property
 from numpy.typing import NDArray
 
 from fexel import mipmaps
-from fexel.filters.shears import DIRECTIONS, Direction
+from fexel.filters.shears import FINE_DIRECTIONS, Direction
 
 __all__ = ["ChainLayout"]
 
@@ -46,8 +46,8 @@ class ChainLayout:
         cls, direction: int, size: tuple[int, int], wrap: tuple[str, str], octaves: int | None = None
     ) -> ChainLayout:
         """By number of the direction; with chains of fewer octaves than such a direction has, if that is wanted."""
-        fewest = DIRECTIONS[direction].octaves
-        return cls(DIRECTIONS[direction], size, wrap, fewest if octaves is None else min(octaves, fewest))
+        fewest = FINE_DIRECTIONS[direction].octaves
+        return cls(FINE_DIRECTIONS[direction], size, wrap, fewest if octaves is None else min(octaves, fewest))
 
     @property
     def mirrored(self) -> tuple[bool, bool]:

@@ -33,7 +33,7 @@ from fexel.filters.lookup import (
     short_level,
     usable,
 )
-from fexel.filters.shears import DIRECTIONS
+from fexel.filters.shears import FINE_DIRECTIONS
 from fexel.textures.footprint import Footprint
 
 __all__ = ["GAUSS_PROBES", "PROBES", "Choice", "Taps", "choose", "taps", "usable"]
@@ -62,9 +62,9 @@ ROWS = (1.45, 1.6)
 NARROW = (0.8, 1.6)
 """Texels of its level, per access, between which the zigzag becomes a line."""
 
-_CODES = np.full((2, 9), -1)  # of long axis, 4 k + 4
-for _code, _direction in enumerate(DIRECTIONS):
-    _CODES[_direction.long_axis, round(4 * _direction.shear) + 4] = _code
+_CODES = np.full((2, 33), -1)  # of long axis, 16 k + 16
+for _code, _direction in enumerate(FINE_DIRECTIONS):
+    _CODES[_direction.long_axis, round(16 * _direction.shear) + 16] = _code
 
 _Floats = NDArray[np.float64]
 _Ints = NDArray[np.int64]
@@ -80,7 +80,8 @@ def choose(jacobian: _Floats, probes: int | _Ints = PROBES, *, gauss: bool = Fal
     probes : int or (K,) int
         Accesses along the long axis.
     gauss : bool
-        Weighted by a Gaussian of a standard deviation of half a pixel, not by the box of a pixel.
+        Weighted by a Gaussian of a standard deviation of half a pixel, not by the box of a pixel. Twice as wide, it
+        shows more of the tilt: it takes `FINE_DIRECTIONS`.
     """
     rows = Rows.of(usable(jacobian))
     footprint = Footprint.of(rows.jacobian)
@@ -93,10 +94,10 @@ def choose(jacobian: _Floats, probes: int | _Ints = PROBES, *, gauss: bool = Fal
     level = short_level(rows.area / longest)
     needed = gauss_octaves_needed(longest, level, probes) if gauss else octaves_needed(rows.sides(axis), level, probes)
     octaves = _octaves(needed, np.abs(tangent))
-    steps = np.array([1.0, 1.0, 2.0, 4.0])[np.minimum(octaves, 3)]
+    steps = np.exp2(np.clip(octaves - 1, 0, 4 if gauss else 2))
     shear = np.where(octaves == 0, 0.0, -np.round(tangent * steps) / steps)
     axis = np.where(np.abs(shear) == 1, 1, axis)  # 1 of x is 1 of y
-    direction = _CODES[axis, np.round(4 * shear).astype(np.int64) + 4]
+    direction = _CODES[axis, np.round(16 * shear).astype(np.int64) + 16]
     longest, tangent = rows.along(axis)
     axes = np.stack([footprint.major, footprint.minor], 1)
     return Choice(

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fexel.filters.shears import DIRECTIONS
+from fexel.filters.shears import FINE_DIRECTIONS
 
 __all__ = [
     "FLOOR",
@@ -53,7 +53,7 @@ class Choice:
     Attributes
     ----------
     direction : (K,) int64
-        Of `fexel.filters.shears.DIRECTIONS`; 0 or 3 (nothing is moved) where `octaves` is 0.
+        Of `fexel.filters.shears.FINE_DIRECTIONS`; 0 or 3 (nothing is moved) where `octaves` is 0.
     octaves : (K,) int64
         Of the chain; 0: the image's own mip levels.
     level : (K,) int64
@@ -179,8 +179,8 @@ def chain_taps(choice: Choice, xy: _Floats, extent: tuple[int, int], probes: int
     gauss : bool
         Weighted by a Gaussian of a standard deviation of half a pixel, not by the box of a pixel.
     """
-    axis = np.array([direction.long_axis for direction in DIRECTIONS])[choice.direction]
-    shear = np.array([direction.shear for direction in DIRECTIONS])[choice.direction]
+    axis = np.array([direction.long_axis for direction in FINE_DIRECTIONS])[choice.direction]
+    shear = np.array([direction.shear for direction in FINE_DIRECTIONS])[choice.direction]
     size = np.array(extent)[axis]
     texel = size / np.maximum(size >> np.minimum(choice.octaves + choice.level, 62), 1)
     center = xy[np.arange(len(xy)), axis]

@@ -22,7 +22,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-__all__ = ["DIRECTIONS", "Direction"]
+__all__ = ["DIRECTIONS", "FINE_DIRECTIONS", "Direction"]
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Direction:
     long_axis : int
         0: x, 1: y.
     shear : float
-        k, in [-1, 1]; a multiple of 1/4.
+        k, in [-1, 1]; a multiple of 1/16.
     """
 
     long_axis: int
@@ -42,8 +42,8 @@ class Direction:
 
     @property
     def octaves(self) -> int:
-        """Fewest octaves by which its images are coarser along the long axis: 1 of whole tangents, 2 of halves, 3."""
-        return 1 if self.shear % 1 == 0 else 2 if self.shear % 0.5 == 0 else 3
+        """Fewest octaves by which its images are coarser along the long axis: 1 of whole tangents, 2 of halves, ..."""
+        return next(octaves for octaves in range(1, 6) if 2 ** (octaves - 1) * self.shear % 1 == 0)
 
     def padding(self, length: int) -> tuple[int, int]:
         """Of a texture that does not repeat along the moved axis and is `length` texels long along the other one.
@@ -78,3 +78,12 @@ DIRECTIONS: tuple[Direction, ...] = (
     Direction(1, -0.75),
 )
 """By number, as records and shaders have them."""
+
+FINE_DIRECTIONS: tuple[Direction, ...] = DIRECTIONS + tuple(
+    Direction(axis, numerator / steps)
+    for steps in (8, 16)
+    for axis in (0, 1)
+    for numerator in range(1 - steps, steps)
+    if numerator % 2
+)
+"""And those in steps of 1/8 from 4 octaves on and of 1/16 from 5: another 5.3 times the texture (`fipmap.choose`)."""
