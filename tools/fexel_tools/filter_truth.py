@@ -18,6 +18,8 @@ premultiplied, row 0 at the top; wrap modes are UsdUVTexture's.
 from __future__ import annotations
 
 import math
+import os
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numba
@@ -36,6 +38,7 @@ SIGMA = 0.5
 REACH = 4.5
 """Standard deviations out to which the Gaussian is summed; 4e-5 of its weight lies beyond."""
 
+_BLOCK = 64  # pixels that a thread takes at a time
 _FARTHEST = 1e9  # texels: beyond, coordinates have no fraction left to speak of
 
 _CODES = {"repeat": 0, "mirror": 1, "clamp": 2, "black": 3}
@@ -106,10 +109,16 @@ class FilterTruth:
         sure &= np.abs(np.nan_to_num(xy)).max(axis=1, initial=0.0) < _FARTHEST
         result[~sure] = np.nan
         own = np.empty((int(sure.sum()), 4))
-        if kind == "box":
-            _box(self.texels, self.along, self.wrap, xy[sure] - 0.5, jacobian[sure], own)
-        else:
-            _gauss(self.texels, self.wrap, xy[sure] - 0.5, jacobian[sure], 1, own)
+        places, footprints = xy[sure] - 0.5, jacobian[sure]
+
+        def work(part: slice) -> None:
+            if kind == "box":
+                _box(self.texels, self.along, self.wrap, places[part], footprints[part], own[part])
+            else:
+                _gauss(self.texels, self.wrap, places[part], footprints[part], 1, own[part])
+
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
+            list(pool.map(work, [slice(first, first + _BLOCK) for first in range(0, len(own), _BLOCK)]))
         result[sure] = own
         return result
 
@@ -132,7 +141,7 @@ def _next(texels: NDArray[np.float64], code: int) -> NDArray[np.float64]:
     return np.concatenate([texels[:, 1:], last], axis=1)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _row(y, height, code):
     """Index of a row by its whole coordinate; -1 where it is black."""
     if code == 0:
@@ -142,7 +151,7 @@ def _row(y, height, code):
     return min(max(y, 0), height - 1)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _add_antiderivative(texels, along, wrap, x, y, weight, out):
     """Add weight times the integral along x from 0 to x of the texture in row y; texel centres are whole numbers."""
     height, width = texels.shape[:2]
@@ -154,7 +163,7 @@ def _add_antiderivative(texels, along, wrap, x, y, weight, out):
             _add_along_row(texels[j], along[j], width, wrap[0], x, share, out)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _add_along_row(texels, along, width, code, x, share, out):
     column = math.floor(x)
     if code == 0:
@@ -185,7 +194,7 @@ def _add_along_row(texels, along, width, code, x, share, out):
         out[c] += share * total
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _add_bilinear(texels, wrap, x, y, weight, out):
     """Add weight times the texture at a place; texel centres are whole numbers."""
     height, width = texels.shape[:2]
@@ -199,7 +208,7 @@ def _add_bilinear(texels, wrap, x, y, weight, out):
                 out[c] += share * texels[j, i, c]
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _stops(ax, ay, bx, by, parts):
     """Where along the way from a to b, in [0, 1], a coordinate is whole, or one of so many parts ends; sorted."""
     room = int(abs(bx - ax) + abs(by - ay)) + 6 + parts
@@ -215,7 +224,7 @@ def _stops(ax, ay, bx, by, parts):
     return np.sort(stops[:count])
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _add_edge(texels, along, wrap, ax, ay, bx, by, segment, out):
     """Add the integral along an edge: of the antiderivative times dy, or, of a segment, of the texture itself."""
     if not segment and ay == by:
@@ -232,7 +241,7 @@ def _add_edge(texels, along, wrap, ax, ay, bx, by, segment, out):
                 _add_antiderivative(texels, along, wrap, x, y, half * (by - ay), out)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _box(texels, along, wrap, places, jacobians, result):
     for k in range(len(places)):
         # Whole turns of a repeating texture are taken off: coordinates near 0 keep their digits.
@@ -260,7 +269,7 @@ def _box(texels, along, wrap, places, jacobians, result):
         result[k] = out / area
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _add_segment(texels, along, wrap, x, y, a, b, c, d, out):
     """A parallelogram without area: the mean along its longer side, of means along the shorter one."""
     if a * a + c * c < b * b + d * d:
@@ -274,7 +283,7 @@ def _add_segment(texels, along, wrap, x, y, a, b, c, d, out):
         out += own / steps
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _axes(a, b, c, d):
     """The axes of the ellipse that a matrix makes of the unit circle, (ux, uy), (vx, vy), the longer one first."""
     angle = 0.5 * math.atan2(2.0 * (a * b + c * d), (a * a + c * c) - (b * b + d * d))
@@ -282,7 +291,7 @@ def _axes(a, b, c, d):
     return a * s + b * t, c * s + d * t, -a * t + b * s, -c * t + d * s
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _gauss(texels, wrap, places, jacobians, finer, result):
     for k in range(len(places)):
         x, y = places[k]
@@ -298,7 +307,7 @@ def _gauss(texels, wrap, places, jacobians, finer, result):
         result[k] = out / total[0]
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _line_step(extent):
     """Standard deviations from line to line: half a texel of the axis that the ellipse mostly runs along, or less."""
     deviation = 0.5 * extent
@@ -307,7 +316,7 @@ def _line_step(extent):
     return (0.5 if deviation >= 2.0 else 0.125) / deviation
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _add_line(texels, wrap, x, y, vx, vy, weight, parts, out, total):
     """Add the integral along the shorter axis of the ellipse: by Gauss's rule with three points between kinks."""
     ax, ay, bx, by = x - 2.25 * vx, y - 2.25 * vy, x + 2.25 * vx, y + 2.25 * vy

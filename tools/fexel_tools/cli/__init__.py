@@ -22,6 +22,7 @@ _COMMANDS = (
     "pinchmap",
     "umbrella",
     "minify",
+    "filters",
     "bake",
     "info",
     "validate",
