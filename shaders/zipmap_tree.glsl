@@ -8,9 +8,9 @@
 //   node    leaf: (first record, number of records, 0, 0); inner: (first child, -children per axis, 0, 0)
 //   record  3 texels: rows of the matrix from (s, t, 1) to texels of level 0 (x right, y down, w) with width, height and
 //           codes = finest level + 16 coarsest level + 256 page class + opacity / 2 in their last components; then
-//           (index of the layer, kind, record, most probes): kind and own record of a texture of another kind, kind 0 for
-//           an image that is looked up here, -1 with the record of image.glsl for one that is looked up there; then per level:
-//           scale.xy, offset.xy from texels of level 0 to page coordinates.
+//           (index of the layer, kind, record, most probes): kind + filter / 8 and own record of a texture of another kind,
+//           kind 0 for an image that is looked up here, -1 with the record of image.glsl for one that is looked up there;
+//           then per level: scale.xy, offset.xy from texels of level 0 to page coordinates.
 // Records of a leaf follow each other front to back; the last one is the root, opaque or not.
 //
 // llvmpipe runs 8 pixels in step, a branch skips nothing, and a loop ends when all are done. Hence do-while loops, which
@@ -19,6 +19,8 @@
 // assigned in a way that a repetition of its last round does not change. The searches below do not advance in their last
 // round for that reason.
 #if ZIPMAP_TREE
+
+#define ZIPMAP_AUTO 5.0                      // of fexel.filters.FILTERS: the lookup tells what it took
 
 uniform vec4 zipmapGrid[ZIPMAP_SLOTS];       // st -> cell: scale.xy, offset.xy
 uniform ivec4 zipmapTree[ZIPMAP_SLOTS];      // first node, cells along s, cells along t
@@ -114,7 +116,7 @@ vec4 zipmap_tree_sample(int slot, vec2 st, vec2 dstdx, vec2 dstdy, out float lod
     int next = leaf.x;
     int top = leaf.x;
     float topLod = 0.0;
-#if LOOKUP_COUNTS && (ZIPMAP_FILTERED || ZIPMAP_MIXED)
+#if LOOKUP_COUNTS && (ZIPMAP_FILTERED || ZIPMAP_MIXED || defined(ZIPMAP_OTHER_KINDS))
     float topFilter = lookupFilter;
 #endif
     do {
@@ -231,8 +233,10 @@ vec4 zipmap_tree_sample(int slot, vec2 st, vec2 dstdx, vec2 dstdy, out float lod
 #endif
         bool first = clear == 1.0 && sampled.a > 0.0;
         top = first ? record : top;
-#if LOOKUP_COUNTS && (ZIPMAP_FILTERED || ZIPMAP_MIXED)
-        float ofLayer = int(names.y) == ZIPMAP_FILTERED_IMAGE ? lookupFilter : names.y > 0.0 ? topFilter : names.w > 1.0 ? 1.0 : 0.0;
+#if LOOKUP_COUNTS && (ZIPMAP_FILTERED || ZIPMAP_MIXED || defined(ZIPMAP_OTHER_KINDS))
+        float ofOther = 8.0 * fract(names.y);
+        bool tells = int(names.y) == ZIPMAP_FILTERED_IMAGE || ofOther == ZIPMAP_AUTO;
+        float ofLayer = tells ? lookupFilter : names.y > 0.0 ? ofOther : names.w > 1.0 ? 1.0 : 0.0;
         topFilter = first ? ofLayer : topFilter;
 #endif
         topLod = first ? level : topLod;
@@ -240,7 +244,7 @@ vec4 zipmap_tree_sample(int slot, vec2 st, vec2 dstdx, vec2 dstdy, out float lod
         clear = 1.0 - color.a;
     } while (left > 0 && clear > ZIPMAP_OPAQUE);
     lod = topLod;
-#if LOOKUP_COUNTS && (ZIPMAP_FILTERED || ZIPMAP_MIXED)
+#if LOOKUP_COUNTS && (ZIPMAP_FILTERED || ZIPMAP_MIXED || defined(ZIPMAP_OTHER_KINDS))
     LOOKUP_FILTER(topFilter);
 #endif
     patchIndex = record_fetch(top + 3).x;

@@ -184,6 +184,24 @@ def test_filter_is_that_of_the_patch_on_top(renderer, tmp_path, rng, outer, own)
     assert images["fetches"][on_patch].min() >= 4
 
 
+@pytest.mark.parametrize("kind", ["PinchmapTexture", "UmbrellaTexture"])
+@pytest.mark.parametrize(
+    ("outer", "own"), [("fipmap", "mipmap"), ("mipmap", "fipmap"), (None, "ripmap"), ("ripmap", None)]
+)
+def test_filter_is_that_of_a_patch_of_another_kind(renderer, tmp_path, rng, kind, outer, own):
+    stage = look_askew(textured(tmp_path, rng, "ZipmapTexture", filter=outer))
+    patch = stage.DefinePrim(f"{TEXTURE}/Patch", kind)
+    pixels = rng.integers(0, 256, (300, 300, 3), dtype=np.uint8)
+    patch.GetAttribute("inputs:file").Set(Sdf.AssetPath(f"./{write_image(tmp_path / 'patch.png', pixels).name}"))
+    patch.GetAttribute("inputs:matrix").Set(Gf.Matrix3d(2, 0, 0, 0, 2, 0, -0.5, -0.5, 1))
+    if own is not None:
+        TextureMinificationAPI.Apply(patch).GetPrim().GetAttribute("minification:filter").Set(own)
+    images = renderer.render(stage, width=48, height=48, aovs=("filter", "patch"))
+    on_patch = images["patch"] == 1
+    assert on_patch.sum() > 50
+    assert (images["filter"][on_patch] == FILTERS.index(own or outer)).all()
+
+
 def test_trilinear_lookup_fetches_eight_texels(renderer, tmp_path, rng):
     stage = textured(tmp_path, rng, filter="mipmap", st=[3, 7] * np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]]))
     assert (renderer.render(stage, width=16, height=16, aovs=("fetches",))["fetches"] == 8).all()

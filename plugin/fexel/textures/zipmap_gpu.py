@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fexel import homography
+from fexel.filters import FILTERS
 from fexel.filters.view import FilterView
 from fexel.textures import gpu_half, kind_number
 from fexel.textures.image_view import write_image_records
@@ -89,8 +90,11 @@ class _ZipmapPlan:
         start, length = write_image_records(list(self.layers.filtered.values()), pool)
         places = {layer: start + length * order for order, layer in enumerate(self.layers.filtered)}
         facts = self._layer_facts(pool)
+        data = {other.layer: other.data for other in self.data.nested}
         for layer, slot in slots.items():
-            facts["kind"][layer], facts["record"][layer] = kind_number(slot.kind), slot.record
+            token = pool.filter(getattr(data[self.layers.number[layer]], "filter", None))
+            facts["kind"][layer] = kind_number(slot.kind) + FILTERS.index(token) / 8
+            facts["record"][layer] = slot.record
         for layer, place in places.items():
             facts["kind"][layer], facts["record"][layer] = FILTERED_IMAGE, place
         levels = self._levels_within(pool.finest)
@@ -145,7 +149,7 @@ class _ZipmapPlan:
             "page_class": np.where(has_levels, pool.page_class[layers.image], 0),
             "image": np.where(has_levels, layers.image, -1),
             "number": layers.number,
-            "kind": np.zeros(len(has_levels), np.int64),
+            "kind": np.zeros(len(has_levels)),
             "record": np.zeros(len(has_levels), np.int64),
             "most": np.where(has_levels, layers.most, 1.0),
         }
