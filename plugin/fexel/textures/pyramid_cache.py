@@ -137,7 +137,7 @@ class PyramidCache:
 
     def is_replaced(self, source: ImageSource) -> bool:
         """Whether the fallback has stood in for texels that could not be read, for all that was read so far."""
-        return source in self._replaced
+        return replace(source, soft_rim=False) in self._replaced
 
     def _read(
         self, source: ImageSource, facts: ImageFacts, path: str, level: int, box: tuple[int, int, int, int]
@@ -172,7 +172,7 @@ class PyramidCache:
                 return _encoded_levels(self._strips(source, facts.info, path), facts, first)
             except FexelError as error:
                 self._warn(path, str(error))
-                self._replaced.add(source)
+                self._replaced.add(replace(source, soft_rim=False))
         r, g, b, a = source.fallback
         width, height = facts.size
         row = np.broadcast_to(np.array([r * a, g * a, b * a, a], np.float32), (1, width, 4))
