@@ -138,6 +138,24 @@ def test_border_of_an_opaque_patch_has_neither_seam_nor_fringe(gl, tmp_path, gre
 
 
 @pytest.mark.parametrize("token", PREFILTERED)
+def test_every_place_is_looked_up_where_it_lies_in_any_view(gl, tmp_path, token):
+    """A ramp: a lookup that misses, or meets what a view has not loaded, shows another place's colour."""
+    y, x = (np.mgrid[:256, :256] + 0.5) / 256
+    ramp = save(tmp_path / "ramp.tif", np.stack([x, 1 - y, 0 * x], -1).astype(np.float32), "float32", levels=20)
+    stage, system = stage_of(Patch(ramp, np.eye(3)), {"/Zipmap": token}), TextureSystem(gl)
+    for tilt in range(20, 86, 5):
+        for distance in (0.3, 1.2):
+            view = tilted(tilt, distance=distance)
+            picture = render_texture(gl, zipmap_texture(stage), quad(), view, system)
+            st, jacobian, shown = pixel_st(view)
+            inside = shown & ((st > 0.3) & (st < 0.7)).all(axis=1)
+            reach = np.abs(jacobian).sum(axis=2)
+            off = np.abs(picture.reshape(-1, 4)[:, :2] - st)
+            assert (off[inside] < 0.25 * reach[inside] + 1e-3).all(), (tilt, distance)
+    system.release()
+
+
+@pytest.mark.parametrize("token", PREFILTERED)
 @pytest.mark.parametrize("wrap", ["clamp", "repeat", "mirror"])
 def test_constant_stays_constant_whatever_the_filter_wrap_mode_and_view(gl, tmp_path, token, wrap):
     flat = save(tmp_path / "c.tif", np.full((19, 37, 3), (0.25, 0.5, 0.75), np.float32), "float32", levels=20)

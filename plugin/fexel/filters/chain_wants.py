@@ -59,12 +59,31 @@ def cells_wanted(jacobian: NDArray[np.float64], chosen: Sequence[Callable]) -> W
     octaves, level, direction = (
         np.concatenate([getattr(choice, name) for choice in choices]) for name in ("octaves", "level", "direction")
     )
-    key = (piece * len(DIRECTIONS) + np.where(octaves == 0, 0, direction)) * 64 + octaves
-    unique, back = np.unique(key, return_inverse=True)
-    finest, coarsest = np.full(len(unique), 64), np.zeros(len(unique), np.int64)
-    np.minimum.at(finest, back, level)
-    np.maximum.at(coarsest, back, level)
-    return Wants(unique // 64 // len(DIRECTIONS), unique // 64 % len(DIRECTIONS), unique % 64, finest, coarsest)
+    finest, coarsest = np.full(pieces, 64), np.zeros(pieces, np.int64)
+    np.minimum.at(finest, piece, level)
+    np.maximum.at(coarsest, piece, level)
+    piece, direction, octaves = np.nonzero(_named(piece, direction, octaves, pieces))
+    return Wants(piece, direction, octaves, finest[piece], coarsest[piece])
+
+
+def _named(
+    piece: NDArray[np.int64], direction: NDArray[np.int64], octaves: NDArray[np.int64], pieces: int
+) -> NDArray[np.bool_]:
+    """(K, directions, octaves) what of each piece is wanted: all octaves that it names of all directions that it names.
+
+    Between two places that choose (direction, octaves) alike some pixel may combine what is one's with what is the
+    other's; were only what is named together there, it would read what lies beside a window.
+    """
+    directed, lengthened = (
+        np.zeros((pieces, len(DIRECTIONS)), bool),
+        np.zeros((pieces, octaves.max(initial=0) + 1), bool),
+    )
+    lengthened[piece, octaves] = True
+    directed[piece[octaves > 0], direction[octaves > 0]] = True
+    fewest = np.array([each.octaves for each in DIRECTIONS])[:, None]
+    wanted = directed[:, :, None] & lengthened[:, None] & (np.arange(lengthened.shape[1]) >= fewest)
+    wanted[:, 0, 0] = lengthened[:, 0]
+    return wanted
 
 
 @dataclass(frozen=True)
