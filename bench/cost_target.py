@@ -12,7 +12,7 @@ import numpy as np
 
 from bench.zipmap_stage import compiled_view, front_view, quad
 from fexel.renderer.program import ProgramCache
-from fexel.scene.model import Texture
+from fexel.scene.model import Draw, Texture
 from fexel.textures.system import TextureSystem
 
 _SRGB8_ALPHA8 = 0x8C43
@@ -47,14 +47,14 @@ class CostTarget:
         self._systems: list[TextureSystem] = []
         self._view = front_view((0, 0), (1, 1), pixels, pixels)
 
-    def plain(self, size: int) -> Callable[[], None]:
-        """GL's own trilinear lookup of a square texture that fills the picture."""
+    def plain(self, size: int, mesh: Draw | None = None) -> Callable[[], None]:
+        """GL's own trilinear lookup of a square texture that fills the picture, or lies on `mesh` as its st say."""
         texels = (np.random.default_rng(1).random((size, size, 4)) * 255).astype(np.uint8)
         texture = self._gl.texture((size, size), 4, texels.tobytes(), internal_format=_SRGB8_ALPHA8)
         texture.build_mipmaps()
         texture.filter = (self._gl.LINEAR_MIPMAP_LINEAR, self._gl.LINEAR)
         program = self._programs.get("texture_view.vert", "texture_plain.frag")
-        draw = compiled_view(self._gl, program, quad(), self._view)
+        draw = compiled_view(self._gl, program, mesh or quad(), self._view)
 
         def frame() -> None:
             texture.use(0)
@@ -63,11 +63,19 @@ class CostTarget:
 
         return frame
 
-    def textured(self, texture: Texture, times: float = 1.0) -> Callable[[], None]:
-        """A texture of a stage, repeated so many times across the picture."""
-        system = TextureSystem(self._gl, anisotropy=1)
+    def textured(
+        self,
+        texture: Texture,
+        times: float = 1.0,
+        *,
+        mesh: Draw | None = None,
+        anisotropy: float = 1.0,
+        filter: str | None = None,
+    ) -> Callable[[], None]:
+        """A texture of a stage, repeated so many times across the picture or as the st of `mesh` say, with a filter."""
+        system = TextureSystem(self._gl, anisotropy=anisotropy, filter=filter)
         self._systems.append(system)
-        mesh = quad((0, 0), (times, times))
+        mesh = mesh or quad((0, 0), (times, times))
         program, binding, draw = compiled_view(self._gl, self._programs, mesh, self._view, (texture, system))
 
         def frame() -> None:

@@ -69,18 +69,20 @@ vec4 fipmap_sample(Image image, vec2 uv, vec2 dx, vec2 dy, float accesses, out f
     vec4 sum = vec4(0.0);
     float total = 0.0;
 #if IMAGE_FILTER_AUTO
-    float i = 0.0;
+    int i = 0;
     do {
 #else
-    for (float i = 0.0; i < float(IMAGE_ACCESSES); ++i) {
+    for (int i = 0; i < IMAGE_ACCESSES; ++i) {
 #endif
-        vec2 box = chain_box(boxes, i);
-        float weight = i < accesses ? compact ? 1.0 : box.y : 0.0;
-        sum += weight * chain_access(image, cell, cell.at + (compact ? fipmap_point(points, i, accesses) * cell.texel : boxes.step * box.x));
+        float number = float(i);
+        vec2 box = chain_box(boxes, number);
+        vec2 offset = compact ? fipmap_point(points, number, accesses) * cell.texel : boxes.step * box.x;
+        float weight = number < accesses ? compact ? 1.0 : box.y : 0.0;
+        sum += weight * chain_access(image, cell, cell.at + offset);
         total += weight;
 #if IMAGE_FILTER_AUTO
-        i += 1.0;
-    } while (i < accesses);
+        ++i;
+    } while (float(i) < accesses);
 #else
     }
 #endif

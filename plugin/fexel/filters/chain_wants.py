@@ -21,6 +21,19 @@ _SHEARS = np.array(
     [[[1, 0], [0, 1]], *([[1, e], [0, 1]] for e in (-0.06, 0.06)), *([[1, 0], [e, 1]] for e in (-0.06, 0.06))]
 )
 
+# Directions of either long axis in the order of their shears, from diagonal to diagonal.
+_FANS = [
+    [
+        number
+        for _, number in sorted(
+            (each.shear, number)
+            for number, each in enumerate(DIRECTIONS)
+            if each.long_axis == axis or abs(each.shear) == 1
+        )
+    ]
+    for axis in (0, 1)
+]
+
 
 @dataclass(frozen=True, eq=False)
 class Wants:
@@ -69,21 +82,28 @@ def cells_wanted(jacobian: NDArray[np.float64], chosen: Sequence[Callable]) -> W
 def _named(
     piece: NDArray[np.int64], direction: NDArray[np.int64], octaves: NDArray[np.int64], pieces: int
 ) -> NDArray[np.bool_]:
-    """(K, directions, octaves) what of each piece is wanted: all octaves that it names of all directions that it names.
+    """(K, directions, octaves) what of each piece is wanted: of all octaves and directions that it names, and of those
+    between them.
 
-    Between two places that choose (direction, octaves) alike some pixel may combine what is one's with what is the
-    other's; were only what is named together there, it would read what lies beside a window.
+    Between two places some pixel may combine what is one's with what is the other's; were only what is named together
+    there, it would read what lies beside a window.
     """
-    directed, lengthened = (
-        np.zeros((pieces, len(DIRECTIONS)), bool),
-        np.zeros((pieces, octaves.max(initial=0) + 1), bool),
-    )
+    directed = np.zeros((pieces, len(DIRECTIONS)), bool)
+    lengthened = np.zeros((pieces, octaves.max(initial=0) + 1), bool)
     lengthened[piece, octaves] = True
+    lengthened[:, 1:] = _between(lengthened[:, 1:])
     directed[piece[octaves > 0], direction[octaves > 0]] = True
+    for along in _FANS:
+        directed[:, along] |= _between(directed[:, along])
     fewest = np.array([each.octaves for each in DIRECTIONS])[:, None]
     wanted = directed[:, :, None] & lengthened[:, None] & (np.arange(lengthened.shape[1]) >= fewest)
     wanted[:, 0, 0] = lengthened[:, 0]
     return wanted
+
+
+def _between(named: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(K, N) from the first that is named to the last."""
+    return np.logical_or.accumulate(named, axis=1) & np.logical_or.accumulate(named[:, ::-1], axis=1)[:, ::-1]
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ What shaders/image.glsl does per pixel is foreseen here for pieces of a view. Ri
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 from functools import partial
@@ -15,6 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from fexel.errors import FexelWarning
 from fexel.filters import FILTERS, fipmap, ripmap
 from fexel.filters.chain import Chain
 from fexel.filters.chain_table import PLAIN, Cells, chain_table
@@ -24,7 +26,9 @@ from fexel.filters.lookup import Choice
 from fexel.textures.footprint import Footprint
 from fexel.textures.image_view import ImageView
 from fexel.textures.kept_texels import KeptTexels
+from fexel.textures.page_format import PAGE_FORMATS
 from fexel.textures.pyramid_cache import ImageFacts, PyramidCache
+from fexel.textures.residency import Windows
 
 if TYPE_CHECKING:
     from fexel.textures.pool import TexelReader, TexturePool
@@ -37,6 +41,8 @@ CHAINED = ("ripmap", "fipmap", "auto")
 _BY_LODS = ("mipmap", "anisotropic", "ewa", "auto")  # that read the image's own levels in a range of level numbers
 
 _LOD_MARGIN = 0.2  # as of residency: a footprint may be a little smaller between the places that were looked at
+
+_MOST_OF_BUDGET = 0.75  # that the chains of one image may take; past it their finest levels would be dropped
 
 _Window = tuple[NDArray[np.float64], NDArray[np.float64]]
 
@@ -64,6 +70,15 @@ class _Part:
 
     def ask(self, pool: TexturePool) -> None:
         pool.ask(np.full(len(self.levels[0]), self.number), self.levels, self.window)
+
+    def nbytes(self, pool: TexturePool) -> int:
+        """Of its windows."""
+        facts = pool.facts(self.number)
+        windows = Windows.empty(1)
+        sizes = np.array([facts.size], np.int64)
+        whole = np.array([[mode in ("repeat", "mirror") for mode in facts.wrap]])
+        windows.add(np.zeros(len(self.levels[0]), np.int64), self.levels, self.window, sizes, whole)
+        return int(windows.texels().sum()) * PAGE_FORMATS[facts.page_class].bytes_per_texel
 
     def resident(self, pool: TexturePool) -> NDArray[np.int64]:
         """Levels that were asked for, or came in their place, and are there."""
@@ -140,6 +155,9 @@ class FilterView:
                 if octaves:
                     chain = Chain(source, direction, octaves, vectors, reader)
                     parts.append(_chain_part(pool, chain, path, pool.facts(number), wants, window))
+        if sum(part.nbytes(pool) for part in parts) > _MOST_OF_BUDGET * pool.budget:
+            pool.reader(_Remembered).tell(path, token)
+            return cls.of(pool, source, path, "anisotropic", jacobian, low, high, reader=reader, bias=bias)
         if token in _BY_LODS:
             own = ImageView.of(pool, number, *_lods(token, jacobian, pool.anisotropy), bias, FILTERS.index(token))
             levels = np.full(len(jacobian), own.finest), np.full(len(jacobian), own.coarsest)
@@ -149,7 +167,7 @@ class FilterView:
             own = ImageView(number, int(finest.min()), int(coarsest.max()), bias, FILTERS.index(token))
         facts = np.zeros((0, 4))
         if token == "auto":
-            facts = pool.reader(_Contents).record(reader or pool.reader(PyramidCache), source, path)
+            facts = pool.reader(_Remembered).record(reader or pool.reader(PyramidCache), source, path)
         return cls(token, own, tuple(parts), facts)
 
     def ask(self, pool: TexturePool) -> None:
@@ -171,6 +189,9 @@ class FilterView:
                 if len(levels):
                     place = _places(pool, part.number, levels, frame, own=part.octaves == 0)
                     cells.setdefault(direction, []).append((part.octaves, levels, place))
+        for direction in PLAIN:  # of an image of which nothing is seen nothing is resident
+            nowhere = np.append(1.0 / np.array(_page(pool, self.image)), [0, 0])[None]
+            cells.setdefault(direction, [(0, np.zeros(1, np.int64), nowhere)])
         table = {
             direction: Cells(
                 np.concatenate([np.full(len(levels), octaves) for octaves, levels, _ in found]),
@@ -232,17 +253,25 @@ class FilterView:
         return frozenset(int(pool.page_class[number]) for number in self.images)
 
 
-class _Contents:
-    """Keeps what `auto` knows of images; the pool has one, as it has readers."""
+class _Remembered:
+    """What `auto` knows of images, and what was warned of; the pool has one, as it has readers."""
 
     def __init__(self, kept: KeptTexels) -> None:
         self._kept = kept
+        self._told: set[str] = set()
+
+    def tell(self, path: str, token: str) -> None:
+        """Warn, once, that chains have no room."""
+        if path not in self._told:
+            self._told.add(path)
+            fault = f"texture memory has no room for its {token}; anisotropic is shown; raise --textureMemory"
+            warnings.warn(f"{path}: {fault}", FexelWarning, stacklevel=3)
 
     def record(self, reader: TexelReader, source: Hashable, path: str) -> NDArray[np.float64]:
         """(F, 4) of shaders/filter_auto.glsl."""
         from fexel.filters import auto, content
 
-        key = (_Contents, source)
+        key = (_Remembered, source)
         record = self._kept.get(key)
         if record is None:
             record = auto.record(content.measure(reader, source, path))

@@ -106,6 +106,11 @@ class TexturePool:
             self._readers[reader_class] = reader_class(self._kept, *arguments)
         return cast("_Reader", self._readers[reader_class])
 
+    @property
+    def budget(self) -> int:
+        """Bytes for the pages that hold texels."""
+        return self._budget
+
     def begin(self) -> None:
         """Forget what the view before has asked for; what is resident stays until room is needed."""
         self._numbers, self._images, self._asked = {}, [], []
