@@ -28,7 +28,7 @@ def number_of(long_axis, shear):
 @pytest.mark.parametrize("number", FRACTIONAL)
 @pytest.mark.parametrize("wrap", ["repeat", "clamp"])
 def test_every_line_keeps_95_percent_of_the_variance_of_white_noise(rng, number, wrap):
-    noise = rng.standard_normal((256, 256, 4)).astype(np.float32)
+    noise = rng.random((256, 256, 4)).astype(np.float32)
     lines = moved(noise, number, wrap)
     before = noise.var()
     for phase in range(4):  # lines that move by the same part of a texel: worst a half, where linear keeps one half
@@ -95,6 +95,20 @@ def test_a_constant_stays_constant_under_every_shear_and_wrap(number, size):
         for t in WRAPS[:3]:
             _, made = cells(np.full((*size, 4), 0.3, np.float32), number, (s, t))
             assert all(np.abs(texels - 0.3).max() < 1e-6 for texels in made.values())
+
+
+@pytest.mark.parametrize("number", FRACTIONAL)
+@pytest.mark.parametrize("wrap", ["repeat", "clamp", "black"])
+def test_a_light_of_a_wide_range_keeps_its_energy_and_casts_no_dark_rings(number, wrap):
+    image = np.full((64, 64, 4), 0.5, np.float32)
+    image[32, 32] = 60000
+    layout, made = cells(image, number, (wrap, wrap))
+    texels = made[layout.octaves, 0][1:-1, 1:-1, 0]
+    assert texels.min() >= (0.4 if wrap != "black" else -1e-6)
+    background = 0.5 * layout.lines * (layout.line_texels if wrap == "black" else layout.texels)
+    assert texels.sum(dtype=np.float64) * 2**layout.octaves - background == pytest.approx(60000, rel=0.01)
+    lines = texels.T if DIRECTIONS[number].long_axis == 0 else texels
+    assert (np.count_nonzero(lines > 2, axis=1) <= 7).all()  # two by the interpolation, two by the blur, four lines
 
 
 @pytest.mark.parametrize("number", SHEARED)

@@ -26,6 +26,7 @@ __all__ = ["build_chains"]
 _BLOCK_TEXELS = 2**17
 _MOST_HALVINGS = 6  # of a block on its own
 _LEAST_HALVINGS = 4
+_MOST_THREADS = 8  # each has a block or two of floats in memory
 
 _Lines = NDArray[np.float32]
 _Cell = tuple[int, int]
@@ -158,7 +159,8 @@ def _slices(lines: _Lines) -> Callable[[int, int], _Lines]:
 
 
 def _threads() -> int:
-    return min(os.cpu_count() or 1, 8)
+    usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    return min(usable or 1, _MOST_THREADS)
 
 
 def _in_parallel(pool: ThreadPoolExecutor, work: Callable, tasks: Iterable[tuple]) -> Iterator:

@@ -110,7 +110,8 @@ def moved_groups(lines: NDArray[np.float32], first: int, layout: ChainLayout) ->
             source = groups[:, line] if part == 0 or wrap == "repeat" else _between(groups[:, line], 1 - part, wrap)
             _add(same, source, math.floor(shifts[line]) - least, wrap)
         if same is not total:
-            total += _between(same, 1 - part, wrap)
+            same *= np.float32(1 / len(which))  # as bright as its lines
+            total += np.float32(len(which)) * _between(same, 1 - part, wrap)
     total *= np.float32(1 / count)
     moved = np.empty((len(groups), layout.texels, 4), np.float32)
     for group, line in enumerate(total):
@@ -164,7 +165,8 @@ def _between(lines: NDArray[np.float32], fraction: float, wrap: str) -> NDArray[
     """Values at `fraction` on the way from each texel's left neighbour to it; of a line that ends, one more.
 
     Beyond the end of a line its last texel goes on. A line with nothing beyond fades out there instead: by its share of
-    the texel, without the ringing of a cut.
+    the texel, without the ringing of a cut. What is brighter than 1 is interpolated linearly by as much as it is
+    brighter: the sun would ring by thousands, darker than black.
     """
     texels = lines.shape[1]
     count = texels if wrap == "repeat" else texels + 1
@@ -176,8 +178,16 @@ def _between(lines: NDArray[np.float32], fraction: float, wrap: str) -> NDArray[
     source = np.empty((len(index), len(lines)), np.complex128)
     source[:_REACH], source[_REACH : _REACH + texels] = texel[index[:_REACH]], texel
     source[_REACH + texels :] = texel[index[_REACH + texels :]]
-    windows = sliding_window_view(source.view(np.float32), _BLOCK + 2 * _REACH - 1, axis=0)[::_BLOCK].swapaxes(1, 2)
+    values = source.view(np.float32)
+    excess = None
+    if values.max() > 1 or values.min() < -1:
+        excess = values - values.clip(-1, 1)
+        values = values - excess
+    windows = sliding_window_view(values, _BLOCK + 2 * _REACH - 1, axis=0)[::_BLOCK].swapaxes(1, 2)
     values = np.matmul(_band(fraction), windows).reshape(blocks * _BLOCK, -1)[:count]
+    if excess is not None:
+        low, high = excess[_REACH - 1 :][:count], excess[_REACH:][:count]
+        values += np.float32(1 - fraction) * low + np.float32(fraction) * high
     between = np.ascontiguousarray(values.view(np.complex128).T).view(np.float32).reshape(len(lines), count, 4)
     if wrap not in ("repeat", "clamp"):
         between[:, 0] *= np.float32(fraction)
