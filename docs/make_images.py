@@ -121,7 +121,7 @@ def main() -> None:
         write("zoom", demo_sheet(renderer, 6, 224))
     write_pinchmaps(240)
     write_umbrellas(300)
-    write_filters(320)
+    write_filters(240)
 
 
 if __name__ == "__main__":

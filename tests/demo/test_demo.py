@@ -169,8 +169,9 @@ def test_stage_of_the_ground_stays_as_the_command_wrote_it(strewn):
 
 @pytest.fixture(scope="module")
 def minified(tmp_path_factory, _gl_session):
-    """Both bundled stages with every filter, small pictures."""
-    return demo_fipmap.make_fipmap_demo(demo_fipmap.bundled_views(), tmp_path_factory.mktemp("fipmap") / "out", 240)
+    """Both bundled stages with every filter that a stage may name, and the reference; small pictures."""
+    tokens, output = (*PORTABLE_FILTERS, "ewa"), tmp_path_factory.mktemp("fipmap") / "out"
+    return demo_fipmap.make_fipmap_demo(demo_fipmap.bundled_views(), output, 240, tokens)
 
 
 def test_minification_is_a_part_of_the_demo_after_the_kinds():
@@ -199,5 +200,5 @@ def test_layers_of_the_demo_are_what_the_command_writes(minified):
 
 def test_sheet_shows_all_filters_and_what_would_be_right(minified):
     sheet = pixels(minified.sheet)
-    assert sheet.shape[1] == 6 + (len(PORTABLE_FILTERS) + 1) * (240 + 6)
+    assert sheet.shape[1] == 6 + (len(PORTABLE_FILTERS) + 2) * (240 + 6)
     assert sheet.shape[0] > 2 * 240

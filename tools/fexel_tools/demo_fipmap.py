@@ -1,7 +1,7 @@
 """The demonstration of minification: two stages with plain textures, each filter over them, and what would be right.
 
-`fexel minify` writes a layer per filter; what is right is the mean of many pixels of a picture that is several times
-finer, in linear light.
+`fexel minify` writes a layer per filter that a stage may name; `ewa` and `auto` are asked of the renderer. What is
+right is the mean of many pixels of a picture that is several times finer, in linear light.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from pxr import Usd
 
 import fexel
 from fexel.errors import FexelError
-from fexel.filters import PORTABLE_FILTERS
+from fexel.filters import FILTERS, PORTABLE_FILTERS
 from fexel.images import linear_to_srgb
 from fexel_tools.contact_sheet import SheetRow, contact_sheet, write_png
 from fexel_tools.minify import MinifyOptions, minify
@@ -76,7 +76,7 @@ class FipmapDemo:
     Attributes
     ----------
     layers : tuple of Path
-        A layer per view and filter.
+        A layer per view and filter that a stage may name.
     sheet : Path
         PNG: a row per view, a column per filter, and what would be right.
     figures : dict of (view, filter) to FilterFigures
@@ -112,7 +112,7 @@ def bundled_views() -> list[View]:
     ]
 
 
-def make_fipmap_demo(views: Sequence[View], output: Path, width: int) -> FipmapDemo:
+def make_fipmap_demo(views: Sequence[View], output: Path, width: int, tokens: Sequence[str] = FILTERS) -> FipmapDemo:
     """Give stages one filter after the other and render them.
 
     Parameters
@@ -122,6 +122,8 @@ def make_fipmap_demo(views: Sequence[View], output: Path, width: int) -> FipmapD
         Folder, made if need be. Gets ``<stage>_<filter>.usda`` and ``fipmap_sheet.png``.
     width : int
         Of a picture on the sheet, pixels; each of its own pixels is enlarged, so that it can be judged.
+    tokens : sequence of str
+        Of `fexel.filters.FILTERS`.
 
     Raises
     ------
@@ -130,23 +132,40 @@ def make_fipmap_demo(views: Sequence[View], output: Path, width: int) -> FipmapD
     """
     output.mkdir(parents=True, exist_ok=True)
     size = max(8, width // _ENLARGED)
-    layers, rows, figures = [], [], {}
     with fexel.Renderer() as renderer:
-        for view in views:
-            truth = _truth(renderer, view, size)
-            pictures, told = [], []
-            for token in PORTABLE_FILTERS:
-                layer = output / f"{view.stage.stem}_{token}.usda"
-                minify(view.stage, layer, MinifyOptions(filter=token))
-                picture, fetches = _picture(renderer, view, layer, size)
-                figures[view.name, token] = FilterFigures(_psnr_db(picture, truth), fetches)
-                told.append(f"{token} {figures[view.name, token].psnr_db:.1f} dB of {fetches:.0f} texels a pixel")
-                pictures.append(picture)
-                layers.append(layer)
-            rows.append(SheetRow(f"{view.name}: {', '.join(told)}", [_enlarged(p) for p in (*pictures, truth)]))
+        truths = {view.name: _truth(renderer, view, size) for view in views}
+    layers: list[Path] = []
+    pictures: dict[str, list[NDArray[np.float32]]] = {view.name: [] for view in views}
+    figures: dict[tuple[str, str], FilterFigures] = {}
+    for token in tokens:
+        portable = token in PORTABLE_FILTERS
+        with fexel.Renderer(filter=None if portable else token) as renderer:
+            for view in views:
+                stage = _layer(view, token, output) if portable else view.stage
+                layers += [stage] if portable else []
+                picture, fetches = _picture(renderer, view, stage, size)
+                pictures[view.name].append(picture)
+                figures[view.name, token] = FilterFigures(_psnr_db(picture, truths[view.name]), fetches)
+    rows = [
+        SheetRow(_label(view, tokens, figures), [_enlarged(p) for p in (*pictures[view.name], truths[view.name])])
+        for view in views
+    ]
     sheet = output / "fipmap_sheet.png"
-    write_png(sheet, contact_sheet(rows, [*PORTABLE_FILTERS, f"mean of {_FINER} x {_FINER} finer pixels"]))
+    write_png(sheet, contact_sheet(rows, [*tokens, f"mean of {_FINER} x {_FINER} finer pixels"]))
     return FipmapDemo(tuple(layers), sheet, figures)
+
+
+def _layer(view: View, token: str, output: Path) -> Path:
+    """The stage with a filter, as the command writes it."""
+    layer = output / f"{view.stage.stem}_{token}.usda"
+    minify(view.stage, layer, MinifyOptions(filter=token))
+    return layer
+
+
+def _label(view: View, tokens: Sequence[str], figures: dict[tuple[str, str], FilterFigures]) -> str:
+    """The view, and error (dB) and texels a pixel of each filter."""
+    told = [f"{figures[view.name, t].psnr_db:.1f} dB of {figures[view.name, t].fetches:.0f} texels" for t in tokens]
+    return f"{view.name}: {', '.join(told)}"
 
 
 def _picture(renderer: fexel.Renderer, view: View, stage: Path, size: int) -> tuple[NDArray[np.float32], float]:
