@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 import fexel
-from bench.zipmap_stage import Patch, zipmap_stage
+from bench.zipmap_stage import Patch, save, zipmap_stage
+from fexel import homography
 from fexel.errors import FexelWarning
 from fexel.textures import extract_texture
+from fexel_tools.fallback import bake
 
 NEST = Patch("", np.eye(3), children=(Patch("", np.eye(3), children=(Patch("", np.eye(3)),)), Patch("", np.eye(3))))
 OUTER, INNER = "/Zipmap/patch0", "/Zipmap/patch0/patch0"
@@ -112,3 +114,15 @@ def test_attenuation_of_a_root_is_not_for_its_kind_to_judge():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         data(stage)
+
+
+def test_baked_picture_is_the_same_whatever_the_filter(tmp_path, rng):
+    """A bake averages areas: how a renderer filters is not part of the picture."""
+    file = save(tmp_path / "root.tif", rng.random((48, 48, 3)).astype(np.float32), levels=20)
+    stage = zipmap_stage(Patch(file, np.eye(3), children=(Patch(file, homography.scale(1.6, 1.6)),)))
+    pinched = stage.DefinePrim("/Zipmap/pinched", "PinchmapTexture")
+    pinched.GetAttribute("inputs:file").Set(file)
+    before = bake(stage.GetPrimAtPath("/Zipmap"), size=20)
+    filtered(stage, "/Zipmap", "fipmap")
+    filtered(stage, OUTER, "mipmap")
+    assert (bake(stage.GetPrimAtPath("/Zipmap"), size=20) == before).all()
