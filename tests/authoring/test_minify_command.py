@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 
 import fexel
 from fexel.errors import FexelError
+from fexel.filters import FILTERS, PORTABLE_FILTERS
 from fexel_tools.cli import app
 from fexel_tools.image_files import write_image
 from fexel_tools.minify import MinifyOptions, minify
@@ -444,3 +445,25 @@ def test_output_replaces_no_layer_of_the_stage(scene, asset, tmp_path):
     with pytest.raises(FexelError, match="another output"):
         minify(tmp_path / "scene.usda", tmp_path / "o.usda", FIPMAP, report=tmp_path / "o.usda")
     assert "UsdUVTexture" in asset.read_text("utf-8")
+
+
+@pytest.mark.parametrize("token", PORTABLE_FILTERS)
+def test_renderer_draws_instances_with_the_filter(gl, scene, tmp_path, token):
+    """The AOV `filter` of two instances of an asset, before and after."""
+    scene.RemovePrim("/World/Floor")
+    for name, x in (("A", -1.5), ("B", 1.5)):
+        prim = UsdGeom.Xform.Define(scene, f"/World/{name}")
+        prim.GetPrim().GetReferences().AddReference("./asset.usda")
+        prim.GetPrim().SetInstanceable(True)
+        prim.AddTranslateOp().Set((x, 0, 0))
+    camera = UsdGeom.Camera.Define(scene, "/World/Eye")
+    look = Gf.Matrix4d().SetLookAt(Gf.Vec3d(0, 2, 8), Gf.Vec3d(0, 0, 0), Gf.Vec3d(0, 1, 0))
+    camera.AddTransformOp().Set(look.GetInverse())
+    run(scene, tmp_path, MinifyOptions(filter=token))
+    drawn = {}
+    for file in ("scene.usda", "out.usda"):
+        images = fexel.render(str(tmp_path / file), camera="Eye", width=96, aovs=("filter", "primId"))
+        seen = images["primId"][..., 0] >= 0
+        assert len(np.unique(images["primId"][seen])) == 2
+        drawn[file] = set(np.unique(images["filter"][seen]))
+    assert drawn == {"scene.usda": {FILTERS.index("anisotropic")}, "out.usda": {FILTERS.index(token)}}
