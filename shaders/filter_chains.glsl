@@ -1,5 +1,5 @@
 // Lookups in chains of prefiltered images (fexel/filters/chain.py). Included by image.glsl, for ripmap and fipmap.
-// Provides ChainRows, chain_rows, chain_level, chain_octaves, ChainExtent, chain_plain, chain_extent, ChainCell, chain_cell, chain_access,
+// Provides ChainRows, chain_rows, chain_along_x, chain_level, chain_octaves, ChainExtent, chain_plain, chain_extent, ChainCell, chain_cell, chain_access,
 // ChainBoxes, chain_boxes, chain_box. Twin of fexel/filters/lookup.py.
 //
 // A footprint is moved along a direction (fexel/filters/shears.py). A cell of that direction has texels that are 2^level
@@ -15,6 +15,7 @@ const float CHAIN_LARGEST = 1e9;    // texels per pixel: more, or not a number, 
 const float CHAIN_LIFT = 1.5;
 const float CHAIN_RAMP = 0.5;
 const float CHAIN_SLACK = 0.25;
+const float CHAIN_EQUAL = 1.0001;
 const float CHAIN_FLOOR = 1e-30;
 const int CHAIN_SLANTS = 18;        // per long axis the shears from -1 to 1 by quarters
 
@@ -37,6 +38,12 @@ ChainRows chain_rows(Image image, vec2 dx, vec2 dy)
     x = fits ? x : vec2(CHAIN_LARGEST, 0.0);
     y = fits ? y : vec2(0.0, CHAIN_LARGEST);
     return ChainRows(x, y, dot(x, x), dot(y, y), dot(x, y), abs(x.x * y.y - x.y * y.x));
+}
+
+// Whether the long axis is x; so it is where but for rounding both are equal.
+bool chain_along_x(ChainRows rows)
+{
+    return rows.yy <= CHAIN_EQUAL * rows.xx;
 }
 
 // floor(log2(x)) and ceil(log2(x)), exactly, of x > 0.

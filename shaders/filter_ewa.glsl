@@ -87,7 +87,7 @@ vec4 filter_ewa(Image image, vec2 uv, vec2 dx, vec2 dy, float maxProbes, out flo
     int coarsest = (image.codes >> 4) & 15;
     mat2 axes = mat2(dx * image.size, dy * image.size) * exp2(-image.bias);
     vec4 reach = abs(vec4(axes[0], axes[1]));
-    axes = all(lessThan(reach, vec4(EWA_LARGEST))) ? axes : mat2(EWA_LARGEST);
+    axes = reach.x + reach.y + reach.z + reach.w < EWA_LARGEST ? axes : mat2(EWA_LARGEST);
     Footprint footprint = make_footprint(axes[0], axes[1]);
     float minor = max(footprint.minorAxis, footprint.majorAxis / EWA_MOST_RATIO);
     lod = log2(max(minor, 1e-30));  // 1e-30 keeps log2 finite on a degenerate footprint

@@ -5,6 +5,7 @@
 const float FIPMAP_COMPACT = 1.125;
 const vec2 FIPMAP_OWN_TILT = vec2(0.3, 0.68);
 const vec2 FIPMAP_HALF_TILT = vec2(0.42, 0.68);
+const float FIPMAP_CIRCLE = 1.01;
 const vec2 FIPMAP_ROWS = vec2(1.45, 1.6);
 const vec2 FIPMAP_NARROW = vec2(0.8, 1.6);
 
@@ -19,8 +20,9 @@ FipmapPoints fipmap_points(ChainRows rows, float root, float major, float minor,
 {
     float difference = 0.5 * (rows.xx - rows.yy);
     vec2 axis = difference >= 0.0 ? vec2(difference + root, rows.xy) : vec2(rows.xy, root - difference);
-    float size = dot(axis, axis);
-    axis = size > 0.0 ? axis * inversesqrt(size) : vec2(1.0, 0.0);
+    // Circles have no axes but what rounding makes of them: they take the pixel's.
+    axis = major < FIPMAP_CIRCLE * minor ? vec2(rows.x.x, rows.y.x) : axis;
+    axis *= inversesqrt(max(dot(axis, axis), CHAIN_FLOOR));
     float spacing = major * chain_exp2(-level) / accesses;
     float one = clamp((2.0 * spacing - FIPMAP_ROWS.x) / (FIPMAP_ROWS.y - FIPMAP_ROWS.x), 0.0, 1.0);
     float narrow = one * clamp((spacing - FIPMAP_NARROW.x) / (FIPMAP_NARROW.y - FIPMAP_NARROW.x), 0.0, 1.0);
@@ -48,7 +50,7 @@ vec4 fipmap_sample(Image image, vec2 uv, vec2 dx, vec2 dy, float accesses, out f
     int ownLevel = chain_level(minor);
     bool compact = major < FIPMAP_COMPACT * accesses * chain_exp2(ownLevel);
 
-    bool alongX = rows.xx >= rows.yy;
+    bool alongX = chain_along_x(rows);
     float square = max(max(rows.xx, rows.yy), CHAIN_FLOOR);
     float tangent = rows.xy / square;
     float steep = abs(tangent);

@@ -7,7 +7,7 @@ const float RIPMAP_ACCESSES = 2.0;
 vec4 filter_ripmap(Image image, vec2 uv, vec2 dx, vec2 dy, float maxProbes, out float lod)
 {
     ChainRows rows = chain_rows(image, dx, dy);
-    bool alongX = rows.xx >= rows.yy;
+    bool alongX = chain_along_x(rows);
     int level = chain_level(sqrt(alongX ? rows.yy : rows.xx));
     int octaves = max(chain_octaves(chain_sides(rows, alongX), level, RIPMAP_ACCESSES), 0);
     ChainExtent extent = chain_plain(image, rows, alongX);

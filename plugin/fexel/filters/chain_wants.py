@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fexel.filters.lookup import usable
 from fexel.filters.shears import DIRECTIONS
 
 __all__ = ["Frame", "Wants", "cells_wanted"]
@@ -63,10 +64,11 @@ def cells_wanted(jacobian: NDArray[np.float64], chosen: Sequence[Callable]) -> W
     chosen : sequence of callables
         From Jacobians (M, 2, 2) to a `fexel.filters.lookup.Choice`; what any of them takes is wanted.
     """
-    pieces = len(jacobian)
+    pieces, places = jacobian.shape[:2]
+    jacobian = usable(jacobian.reshape(-1, 2, 2))
     varied = (_SHEARS[:, None] * _SCALES[:, None, None]).reshape(-1, 2, 2)
-    every = np.concatenate([(each @ jacobian).reshape(-1, 2, 2) for each in varied])
-    piece = np.tile(np.repeat(np.arange(pieces), jacobian.shape[1]), len(varied))
+    every = np.concatenate([each @ jacobian for each in varied])
+    piece = np.tile(np.repeat(np.arange(pieces), places), len(varied))
     choices = [choose(every) for choose in chosen]
     piece = np.tile(piece, len(choices))
     octaves, level, direction = (

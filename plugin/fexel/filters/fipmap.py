@@ -18,6 +18,8 @@ of half a pixel, which the elliptical weighted average takes (`fexel.filters.ewa
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -61,6 +63,9 @@ ROWS = (1.45, 1.6)
 
 NARROW = (0.8, 1.6)
 """Texels of its level, per access, between which the zigzag becomes a line."""
+
+CIRCLE = 1.01
+"""Ratio of axes up to which a footprint is a circle."""
 
 _CODES = np.full((2, 33), -1)  # of long axis, 16 k + 16
 for _code, _direction in enumerate(FINE_DIRECTIONS):
@@ -141,6 +146,7 @@ def taps(
     """
     footprint = Footprint.of(usable(jacobian))
     chain = chain_taps(choice, xy, extent, probes, gauss)
+    footprint = _steady(footprint, usable(jacobian)[:, :, 0])
     own = own_taps(xy, _gauss_points(footprint) if gauss else _points(choice.level, footprint, _even(probes)))
     compact = choice.compact[:, None]
     at = np.repeat(xy[:, None], max(probes, PROBES), axis=1)
@@ -161,6 +167,14 @@ def _octaves(needed: _Floats, tangent: _Floats) -> _Ints:
 
 def _even(probes: int) -> int:
     return max(probes - probes % 2, PROBES)
+
+
+def _steady(footprint: Footprint, first: _Floats) -> Footprint:
+    """Circles have no axes but what rounding makes of them: they take the pixel's, of which `first` (K, 2) is one."""
+    length = np.linalg.norm(first, axis=1)
+    is_round = (footprint.major < CIRCLE * footprint.minor) & (length > 0)
+    scale = (footprint.major / np.where(is_round, length, 1.0))[:, None]
+    return replace(footprint, direction=np.where(is_round[:, None], scale * first, footprint.direction))
 
 
 def _gauss_points(footprint: Footprint) -> _Floats:

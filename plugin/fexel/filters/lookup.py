@@ -37,6 +37,9 @@ RAMP = 0.5
 SLACK = 0.25
 """Boxes that a footprint may have more than are read: ends are rather cut than all boxes made twice as long."""
 
+EQUAL = 1.0001
+"""Ratio of squared lengths up to which neither axis is the longer one, as where a square faces the camera."""
+
 FLOOR = 1e-30
 """Keeps logarithms and quotients finite where a Jacobian is 0."""
 
@@ -121,8 +124,8 @@ class Rows:
         return cls(jacobian, np.sum(jacobian**2, axis=2), a * c + b * d, np.abs(a * d - b * c))
 
     def long_axis(self) -> _Ints:
-        """The axis along which a footprint is longer; x of equals."""
-        return (self.square[:, 1] > self.square[:, 0]).astype(np.int64)
+        """The axis along which a footprint is longer; x of equals, or what but for rounding is equal."""
+        return (self.square[:, 1] > EQUAL * self.square[:, 0]).astype(np.int64)
 
     def along(self, axis: _Ints) -> tuple[_Floats, _Floats]:
         """Length along an axis, and the tangent of the footprint against it."""

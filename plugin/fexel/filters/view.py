@@ -22,7 +22,7 @@ from fexel.filters.chain import Chain
 from fexel.filters.chain_table import PLAIN, Cells, chain_table
 from fexel.filters.chain_texels import ChainTexels
 from fexel.filters.chain_wants import Frame, Wants, cells_wanted
-from fexel.filters.lookup import Choice
+from fexel.filters.lookup import Choice, usable
 from fexel.textures.footprint import Footprint
 from fexel.textures.image_view import ImageView
 from fexel.textures.kept_texels import KeptTexels
@@ -42,6 +42,7 @@ _BY_LODS = ("mipmap", "anisotropic", "ewa", "auto")  # that read the image's own
 
 _LOD_MARGIN = 0.2  # as of residency: a footprint may be a little smaller between the places that were looked at
 
+_BOXES = 1.5  # texels by which boxes reach beyond the footprint, and over a seam to the other side
 _MOST_OF_BUDGET = 0.75  # that the chains of one image may take; past it their finest levels would be dropped
 
 _Window = tuple[NDArray[np.float64], NDArray[np.float64]]
@@ -291,7 +292,7 @@ def _choices(token: str) -> list[Callable[[NDArray[np.float64]], Choice]]:
 
 def _lods(token: str, jacobian: NDArray[np.float64], anisotropy: float) -> tuple[float, float]:
     """Range of mip levels of the filters that need no chains."""
-    every = np.nan_to_num(jacobian.reshape(-1, 2, 2), posinf=1e30, neginf=-1e30)
+    every = usable(jacobian.reshape(-1, 2, 2))
     if token in ("mipmap", "anisotropic"):
         lods = (Footprint.of(every).level(anisotropy if token == "anisotropic" else 1.0),) * 2
     else:
@@ -303,12 +304,14 @@ def _own_part(pool: TexturePool, number: int, jacobian: NDArray[np.float64], wan
     """Mip levels of the image itself; and one that all pieces have, as coarse as the longest footprint."""
     last = pool.facts(number).last_level
     at = np.flatnonzero(wants.octaves == 0)
-    longest = np.nan_to_num(Footprint.of(np.nan_to_num(jacobian)).major, nan=np.inf).max(initial=1.0)
-    spare = int(np.clip(np.ceil(np.log2(max(longest, 1.0))), 0, last))
+    longest = Footprint.of(usable(jacobian.reshape(-1, 2, 2))).major.max(initial=1.0)
+    spare = int(np.clip(np.ceil(np.log2(longest)), 0, last))
     spares = np.full(len(jacobian), spare)
     levels = (np.minimum(np.append(each[at], spares), last) for each in (wants.finest, wants.coarsest))
     finest, coarsest = levels
+    reach = _BOXES * np.exp2(coarsest)[:, None] / pool.facts(number).size
     low, high = (np.concatenate([bound[wants.piece[at]], bound]) for bound in window)
+    low, high = low - reach, high + reach
     return _Part(number, 0, 0, (finest, coarsest), (low, high))
 
 
@@ -316,10 +319,13 @@ def _chain_part(pool: TexturePool, chain: Chain, path: str, base: ImageFacts, wa
     number = pool.image(chain, path, pool.reader(ChainTexels, pool.reader(PyramidCache)))
     at = np.flatnonzero((wants.direction == chain.direction) & (wants.octaves == chain.octaves))
     last = pool.facts(number).last_level
-    low, high = (bound[wants.piece[at]] for bound in window)
+    frame = Frame(chain.direction, base.size, base.wrap)
     texels = np.array(base.size, np.float64)
-    down_low, down_high = np.stack([low[:, 0], 1 - high[:, 1]], 1), np.stack([high[:, 0], 1 - low[:, 1]], 1)
-    bounds = Frame(chain.direction, base.size, base.wrap).window(down_low * texels, down_high * texels)
+    low, high = (bound[wants.piece[at]] * texels for bound in window)
+    low[:, 1], high[:, 1] = texels[1] - high[:, 1], texels[1] - low[:, 1]
+    reach = _BOXES * np.exp2(wants.coarsest[at])[:, None] * np.exp2([chain.octaves, 0])
+    reach = reach[:, [frame.long_axis, 1 - frame.long_axis]]
+    bounds = frame.window(low - reach, high + reach)
     levels = np.minimum(wants.finest[at], last), np.minimum(wants.coarsest[at], last)
     return _Part(number, chain.direction, chain.octaves, levels, bounds)
 
