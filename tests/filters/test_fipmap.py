@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from fexel.filters import fipmap, ripmap
-from fexel.filters.shears import DIRECTIONS
+from fexel.filters.shears import DIRECTIONS, FINE_DIRECTIONS
 
 ELEVATIONS = (90, 60, 45, 30, 20, 10, 5, 2, 1, 0.5, 0.2, 0.1)
 AZIMUTHS = tuple(range(0, 180, 15))
-AXES = np.array([direction.long_axis for direction in DIRECTIONS])
-SHEARS = np.array([direction.shear for direction in DIRECTIONS])
+AXES = np.array([direction.long_axis for direction in FINE_DIRECTIONS])
+SHEARS = np.array([direction.shear for direction in FINE_DIRECTIONS])
 
 
 def turn(degrees):
@@ -36,9 +36,19 @@ def looked_up(jacobian, rng, extent=(4096, 4096), **options):
     return choice, xy, fipmap.taps(choice, xy, jacobian, extent, **options)
 
 
-def test_all_chains_that_may_be_chosen_make_twelve_times_the_texture():
-    chains = sum(2.0**-octaves for each in DIRECTIONS for octaves in range(each.octaves, 60))
-    assert 4 / 3 * (1 + chains) == pytest.approx(12)
+@pytest.mark.parametrize(("directions", "memory"), [(DIRECTIONS, 12), (FINE_DIRECTIONS, 17 + 1 / 3)])
+def test_all_chains_that_may_be_chosen_make_twelve_times_the_texture(directions, memory):
+    chains = sum(2.0**-octaves for each in directions for octaves in range(each.octaves, 60))
+    assert 4 / 3 * (1 + chains) == pytest.approx(memory)
+    assert len(set(directions)) == len(directions)
+
+
+def test_only_a_gaussian_takes_the_fine_directions():
+    assert fipmap.choose(fan()).direction.max() < len(DIRECTIONS)
+    choice = fipmap.choose(fan(), fipmap.GAUSS_PROBES, gauss=True)
+    assert choice.direction.max() >= len(DIRECTIONS)
+    least = np.array([direction.octaves for direction in FINE_DIRECTIONS])[choice.direction]
+    assert np.all((choice.octaves == 0) | (choice.octaves >= least))
 
 
 @pytest.mark.parametrize("roll", [0, 20, 45])

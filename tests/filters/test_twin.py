@@ -117,6 +117,20 @@ def test_more_accesses_beat_16_probes_where_these_are_too_few(rng, twin):
         assert best > mean_psnr(twin, "anisotropic", elevation, xy) + more
 
 
+@pytest.mark.parametrize(("elevation", "floor"), [(10, 31), (5, 34), (2, 37)])
+def test_gaussian_fipmap_of_20_texels_comes_near_a_gaussian(rng, twin, elevation, floor):
+    xy = rng.random((20, 2)) * 256
+    errors = {True: [], False: []}
+    for azimuth in (0, 20, 45, 70):
+        jacobian = np.repeat(footprint(elevation, azimuth)[None], len(xy), axis=0)
+        truth, _ = twin.sample("ewa", xy, jacobian, radius=4.0)  # cut off where nothing is left
+        for gauss, found in errors.items():
+            value, fetches = twin.sample("fipmap", xy, jacobian, gauss=gauss)
+            found.append(psnr(value, truth))
+            assert fetches.max() <= 20
+    assert np.mean(errors[True]) > max(np.mean(errors[False]) + 6, floor)
+
+
 def test_ripmap_of_8_texels_beats_the_mipmap_but_not_the_fipmap(rng, twin):
     xy = rng.random((30, 2)) * 256
     mipmap, ripmap, fipmap = (mean_psnr(twin, token, 5, xy) for token in ("mipmap", "ripmap", "fipmap"))
