@@ -54,13 +54,13 @@ class ChainLayout:
         """Along x, y: whether the chains hold the image and its mirror image."""
         return self.image_wrap[0] == "mirror", self.image_wrap[1] == "mirror"
 
-    @property
+    @cached_property
     def extent(self) -> tuple[int, int]:
         """Width and height of what is moved: of the image, twice along a mirrored axis."""
         width, height = (size << mirrored for size, mirrored in zip(self.size, self.mirrored, strict=True))
         return width, height
 
-    @property
+    @cached_property
     def wrap(self) -> tuple[str, str]:
         """Wrap modes of the chains."""
         s, t = ("repeat" if mode in _CYCLIC else mode for mode in self.image_wrap)
@@ -86,12 +86,12 @@ class ChainLayout:
         """Texels of a line before it is moved."""
         return self.extent[1 - self.direction.long_axis]
 
-    @property
+    @cached_property
     def padding(self) -> tuple[int, int]:
         """`Direction.padding`; none where the moved axis is cyclic."""
         return (0, 0) if self.moved_wrap == "repeat" else self.direction.padding(self.lines)
 
-    @property
+    @cached_property
     def texels(self) -> int:
         """Texels of a line at full resolution, padding included."""
         return self.line_texels + self.padding[1]
