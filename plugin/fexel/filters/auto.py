@@ -31,9 +31,9 @@ BOUND_DB = 40.0
 CHAINS = True
 """Chains may be wanted, as of a fipmap."""
 
-_PRICE = 1 / 32  # of a fetch, in squares of the bound: more is not spent on coming nearer to it
+_PRICE = 1 / 8  # of a fetch, in squares of the bound: more is not spent on coming nearer to it
 _REFERENCE = Candidate("anisotropic", 16)
-_MARGIN_DB = 3.0  # by how much 16 probes may be better than foretold; fipmaps are hardly
+_MARGIN_DB = 3.5  # by how much 16 probes may be better than foretold; fipmaps are hardly
 _STEPS_DB = np.arange(20.0, 80.0, 0.25)  # bounds that are tried
 _Ints = NDArray[np.int64]
 _Floats = NDArray[np.float64]

@@ -75,6 +75,7 @@ _FINER = MINORS - _EXACT - 2  # rings beyond the finest, for these
 _STEPS = (0, 1, 2, 3, 4, 6, 8, 10, 12, 14)  # of RATIOS that are computed; what lies between is their mean
 _ALONG = np.array([0, 0.25, 0.5, 0.75, 1, 1.5, 2.25, 3.5, 6])  # waves per major axis: bounds of the nodes
 _ACROSS = np.exp2(np.arange(-14, 3) / 2)  # waves per minor axis
+_TILTED = np.array([1, 1, 1, 1, -1]) / 12**0.5  # of a quarter: how far tangents in a sector are from its middle
 _FALL = 3.0  # energy per area of the frequency plane falls with this power of the frequency: edges
 _Floats = NDArray[np.float64]
 
@@ -139,7 +140,7 @@ def _alike(quarter: int) -> list[tuple[int, NDArray[np.int64]]]:
 @functools.cache
 def _losses() -> dict[Candidate, NDArray[np.float32]]:
     """(quarters, steps, sizes, rings, sectors) of each candidate: what all images have in common."""
-    quarters, sizes = np.arctan(np.arange(5) / 4), np.exp2(np.arange(_EXACT + 2) / 2 - 1)
+    quarters, sizes = np.arctan((np.arange(5) + _TILTED) / 4), np.exp2(np.arange(_EXACT + 2) / 2 - 1)
     shape = len(quarters), len(_STEPS), len(sizes), _FINER + content.RINGS, content.SECTORS
     known: dict[tuple[Candidate, transfer.Axes], _Floats] = {}
 
