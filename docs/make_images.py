@@ -12,6 +12,7 @@ from pxr import Usd
 
 import fexel
 from fexel.images import image_info, linear_to_srgb, read_pixels
+from fexel.renderer.encoding import data_range, visible_data
 from fexel_tools import demo_fipmap, demo_pinchmap, demo_umbrella, demo_zipmap
 from fexel_tools.contact_sheet import SheetRow, contact_sheet
 
@@ -99,6 +100,22 @@ def write_filters(width: int) -> None:
         shutil.copyfile(result.sheet, DOCS / "images" / "fipmap.png")
 
 
+def write_filter_aovs(width: int) -> None:
+    """What the AOVs of minification show of the flight, drawn with ``auto``, as ``docs/images/fipmap_aovs.jpg``."""
+    names = ("footprint", "fetches", "filter", "decision")
+    stage = Usd.Stage.Open(str(STAGES / "fipmap_floor" / "fipmap_floor.usda"))
+    rows = []
+    with fexel.Renderer(filter="auto") as renderer:
+        for frame in (12, 30, 42):
+            images = renderer.render(stage, width=width, camera="Flight", time=frame, aovs=("color", *names))
+            pictures = [np.round(255 * np.clip(linear_to_srgb(images["color"][..., :3]), 0, 1)).astype(np.uint8)]
+            for name in names:
+                seen = visible_data(name, images[name], data_range(name, images[name]))
+                pictures.append(np.round(255 * np.broadcast_to(seen, (*seen.shape[:2], 3))).astype(np.uint8))
+            rows.append(SheetRow("", pictures))
+    write("fipmap_aovs", contact_sheet(rows, ["color", *names]))
+
+
 def write(name: str, pixels: np.ndarray) -> None:
     """Write ``docs/images/<name>.jpg``."""
     spec = oiio.ImageSpec(pixels.shape[1], pixels.shape[0], 3, oiio.UINT8)
@@ -122,6 +139,7 @@ def main() -> None:
     write_pinchmaps(240)
     write_umbrellas(300)
     write_filters(240)
+    write_filter_aovs(240)
 
 
 if __name__ == "__main__":
