@@ -340,3 +340,18 @@ def test_a_budget_that_does_not_hold_a_chain_drops_its_finest_levels(gl, tmp_pat
         for level in range(pool.finest[number], facts.last_level + 1):
             assert (chain, level) in pool.atlases[facts.page_class].residents
     pool.release()
+
+
+def test_a_file_is_read_once_whatever_is_looked_at_first(tmp_path, rng, monkeypatch):
+    source = ImageSource(
+        write(tmp_path / "noise.png", rng.integers(0, 255, (64, 64, 3), np.uint8)), wrap=("repeat", "repeat")
+    )
+    reads = []
+    read_strips = images.read_strips
+    monkeypatch.setattr(images, "read_strips", lambda info, rows: reads.append(info.path) or read_strips(info, rows))
+    base = PyramidCache()
+    reader = ChainTexels(base=base)
+    reader.facts(Chain(source, 4, 2), "/Texture")
+    base.window(source, "/Texture", 3, (0, 0, 8, 8))
+    list(every_level(reader, Chain(source, 4, 2)))
+    assert len(reads) == 1

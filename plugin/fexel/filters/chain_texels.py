@@ -61,6 +61,7 @@ class ChainTexels:
     def facts(self, chain: Chain, path: str) -> ImageFacts:
         """Of level 0 of a chain."""
         base, layout = self._layout(chain, path)
+        self._foresee(chain, base, layout)
         repeats = layout.wrap[0] == "repeat", layout.wrap[1] == "repeat"
         return replace(base, size=chain.size(*layout.extent, repeats), wrap=layout.wrap, has_levels=True)
 
@@ -83,14 +84,26 @@ class ChainTexels:
         facts = self._reader(chain).facts(chain.image, path)
         return facts, ChainLayout.of(chain.direction, facts.size, facts.wrap, chain.octaves)
 
-    def _made(self, chain: Chain, path: str, facts: ImageFacts, layout: ChainLayout) -> Cells | ChainFile:
+    def _foresee(self, chain: Chain, facts: ImageFacts, layout: ChainLayout) -> None:
+        """What is on disk is found now; for what is not, the image will be read."""
+        reader = self._reader(chain)
+        if self._found(chain, facts, layout) is None and isinstance(reader, PyramidCache):
+            reader.want_whole(cast("ImageSource", chain.image))
+
+    def _found(self, chain: Chain, facts: ImageFacts, layout: ChainLayout) -> Cells | ChainFile | None:
+        """In memory or on disk."""
         made = self._kept.get(_name(chain, layout))
         if made is not None:
             return made
         folders, key = self._on_disk(chain, facts, layout)
         found = find_chains(folders, key, layout, _dtype(facts)) if key else None
-        made, nbytes = (found, MAPPED_BYTES) if found else self._build(chain, path, facts, layout)
-        return self._keep(chain, layout, made, nbytes)
+        return found and self._keep(chain, layout, found, MAPPED_BYTES)
+
+    def _made(self, chain: Chain, path: str, facts: ImageFacts, layout: ChainLayout) -> Cells | ChainFile:
+        found = self._found(chain, facts, layout)
+        if found is not None:
+            return found
+        return self._keep(chain, layout, *self._build(chain, path, facts, layout))
 
     def _keep(self, chain: Chain, layout: ChainLayout, made: Cells | ChainFile, nbytes: int) -> Cells | ChainFile:
         self._kept.keep(_name(chain, layout), made, nbytes)

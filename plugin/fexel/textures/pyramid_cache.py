@@ -70,6 +70,7 @@ class PyramidCache:
         self._kept = kept or KeptTexels()
         self._damaged: set[ImageSource] = set()
         self._replaced: set[ImageSource] = set()
+        self._whole: set[ImageSource] = set()
         self._warned: set[str] = set()
 
     def facts(self, source: ImageSource, path: str) -> ImageFacts:
@@ -135,6 +136,10 @@ class PyramidCache:
             texels = _faded_rim(texels, inner, (width, height), kept, facts.page_class)
         return bordered(texels, box, (width, height), facts.wrap)
 
+    def want_whole(self, source: ImageSource) -> None:
+        """Level 0 will be read, though coarser ones may be first: the file need not be read twice."""
+        self._whole.add(replace(source, soft_rim=False))
+
     def is_replaced(self, source: ImageSource) -> bool:
         """Whether the fallback has stood in for texels that could not be read, for all that was read so far."""
         return replace(source, soft_rim=False) in self._replaced
@@ -162,7 +167,7 @@ class PyramidCache:
         key = replace(source, soft_rim=False)
         levels = self._kept.get(key)
         if levels is None or levels[level] is None:
-            levels = self._made(source, facts, path, 0 if level == 0 else 1)
+            levels = self._made(source, facts, path, 0 if level == 0 or key in self._whole else 1)
             self._kept.keep(key, levels, sum(0 if texels is None else texels.nbytes for texels in levels))
         return levels
 
