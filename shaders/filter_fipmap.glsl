@@ -3,7 +3,7 @@
 #if defined(IMAGE_LEVELS) && (IMAGE_FILTER_FIPMAP || IMAGE_FILTER_AUTO)
 
 const float FIPMAP_COMPACT = 1.125;
-const vec2 FIPMAP_OWN_TILT = vec2(0.3, 0.68);
+const vec2 FIPMAP_OWN_TILT = vec2(0.3, 0.8);
 const vec2 FIPMAP_HALF_TILT = vec2(0.42, 0.68);
 const float FIPMAP_CIRCLE = 1.01;
 const vec2 FIPMAP_ROWS = vec2(1.45, 1.6);
@@ -47,14 +47,14 @@ vec4 fipmap_sample(Image image, vec2 uv, vec2 dx, vec2 dy, float accesses, out f
     float root = sqrt(difference * difference + rows.xy * rows.xy);
     float major = sqrt(max(0.5 * (rows.xx + rows.yy) + root, CHAIN_FLOOR));
     float minor = max(rows.area / major, CHAIN_FLOOR);
-    int ownLevel = chain_level(minor);
+    int ownLevel = chain_level(minor * minor);
     bool compact = major < FIPMAP_COMPACT * accesses * chain_exp2(ownLevel);
 
     bool alongX = chain_along_x(rows);
     float square = max(max(rows.xx, rows.yy), CHAIN_FLOOR);
     float tangent = rows.xy / square;
     float steep = abs(tangent);
-    int level = chain_level(rows.area * inversesqrt(square));
+    int level = chain_level(rows.area / square * rows.area);
     int needed = chain_octaves(chain_sides(rows, alongX), level, accesses);
     bool own = compact || needed <= 0 && steep > FIPMAP_OWN_TILT.x && steep < FIPMAP_OWN_TILT.y;
     bool halves = needed > 1 || steep > FIPMAP_HALF_TILT.x && steep < FIPMAP_HALF_TILT.y;

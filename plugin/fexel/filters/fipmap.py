@@ -52,7 +52,7 @@ COMPACT = 1.125
 GAUSS_COMPACT = 2.0
 """As `COMPACT`, of a Gaussian: altogether."""
 
-OWN_TILT = (0.3, 0.68)
+OWN_TILT = (0.3, 0.8)
 """Tangents between which the image's own level is better than a chain of one octave, where it would do by length."""
 
 HALF_TILT = (0.42, 0.68)
