@@ -62,10 +62,10 @@ float chain_exp2(int x)
     return intBitsToFloat((x + 127) << 23);
 }
 
-// The coarsest level of which a width in texels of level 0 is CHAIN_LIFT texels at least.
-int chain_level(float width)
+// The coarsest level of which a width is CHAIN_LIFT texels at least; given the width squared, texels^2 of level 0.
+int chain_level(float square)
 {
-    return max(chain_log2_floor(max(width, CHAIN_FLOOR) * (1.0 / CHAIN_LIFT)), 0);
+    return max(chain_log2_floor(max(square * (1.0 / (CHAIN_LIFT * CHAIN_LIFT)), CHAIN_FLOOR)) >> 1, 0);
 }
 
 vec2 chain_sides(ChainRows rows, bool alongX)

@@ -8,7 +8,7 @@ vec4 filter_ripmap(Image image, vec2 uv, vec2 dx, vec2 dy, float maxProbes, out 
 {
     ChainRows rows = chain_rows(image, dx, dy);
     bool alongX = chain_along_x(rows);
-    int level = chain_level(sqrt(alongX ? rows.yy : rows.xx));
+    int level = chain_level(alongX ? rows.yy : rows.xx);
     int octaves = max(chain_octaves(chain_sides(rows, alongX), level, RIPMAP_ACCESSES), 0);
     ChainExtent extent = chain_plain(image, rows, alongX);
     ChainCell cell = chain_cell(image, uv, extent, octaves, level);
