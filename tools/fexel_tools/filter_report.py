@@ -63,7 +63,7 @@ class FilterOptions:
     elevations: tuple[float, ...] = (90.0, 45.0, 20.0, 10.0, 5.0, 2.0, 1.0)
     azimuths: tuple[float, ...] = AZIMUTHS[::2]
     filters: tuple[str, ...] = FILTERS
-    pixels: int = 96
+    pixels: int = 128
     texels: int = 1024
     wrap: str = "repeat"
     anisotropy: float = 16.0

@@ -53,7 +53,7 @@ class FilterView:
     @property
     def label(self) -> str:
         """For people."""
-        return f"{self.elevation:g} degrees above, turned by {self.azimuth:g}"
+        return f"elevation {self.elevation:g}, azimuth {self.azimuth:g} degrees"
 
 
 def fan(elevations: Sequence[float] = ELEVATIONS, azimuths: Sequence[float] = AZIMUTHS) -> tuple[FilterView, ...]:
