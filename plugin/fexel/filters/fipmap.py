@@ -120,9 +120,10 @@ def taps(
     choice: Choice,
     xy: _Floats,
     jacobian: _Floats,
-    extent: tuple[int, int],
+    size: tuple[int, int],
     probes: int = PROBES,
     *,
+    mirrored: tuple[bool, bool] = (False, False),
     gauss: bool = False,
 ) -> Taps:
     """The accesses of pixels.
@@ -134,9 +135,11 @@ def taps(
     xy : (K, 2) float64
         Their places, texels of level 0, y down.
     jacobian : (K, 2, 2) float64
-    extent : (int, int)
-        Width and height of the image, twice along an axis that is mirrored.
+    size : (int, int)
+        Width and height of the image.
     probes : int
+    mirrored : (bool, bool)
+        Along x, y: chains hold the image and its mirror image.
     gauss : bool
 
     Returns
@@ -145,7 +148,7 @@ def taps(
         T is the larger of `probes` and 4; what a pixel does not need has weight 0.
     """
     footprint = Footprint.of(usable(jacobian))
-    chain = chain_taps(choice, xy, extent, probes, gauss)
+    chain = chain_taps(choice, xy, size, probes, mirrored=mirrored, gauss=gauss)
     footprint = _steady(footprint, usable(jacobian)[:, :, 0])
     own = own_taps(xy, _gauss_points(footprint) if gauss else _points(choice.level, footprint, _even(probes)))
     compact = choice.compact[:, None]

@@ -166,7 +166,15 @@ def own_taps(at: _Floats, offsets: _Floats) -> Taps:
     return Taps(at[:, None] + offsets, np.full(offsets.shape[:2], 1 / offsets.shape[1]))
 
 
-def chain_taps(choice: Choice, xy: _Floats, extent: tuple[int, int], probes: int, gauss: bool = False) -> Taps:
+def chain_taps(
+    choice: Choice,
+    xy: _Floats,
+    size: tuple[int, int],
+    probes: int,
+    *,
+    mirrored: tuple[bool, bool] = (False, False),
+    gauss: bool = False,
+) -> Taps:
     """Accesses along the long axis.
 
     Parameters
@@ -175,17 +183,21 @@ def chain_taps(choice: Choice, xy: _Floats, extent: tuple[int, int], probes: int
         Of pixels that are not compact.
     xy : (K, 2) float64
         Their places, texels of level 0, y down.
-    extent : (int, int)
-        Width and height of the image, twice along an axis that is mirrored.
+    size : (int, int)
+        Width and height of the image.
     probes : int
         T.
+    mirrored : (bool, bool)
+        Along x, y: chains hold the image and its mirror image.
     gauss : bool
         Weighted by a Gaussian of a standard deviation of half a pixel, not by the box of a pixel.
     """
     axis = np.array([direction.long_axis for direction in FINE_DIRECTIONS])[choice.direction]
     shear = np.array([direction.shear for direction in FINE_DIRECTIONS])[choice.direction]
-    size = np.array(extent)[axis]
-    texel = size / np.maximum(size >> np.minimum(choice.octaves + choice.level, 62), 1)
+    length, folds = np.array(size)[axis], np.array(mirrored)[axis].astype(np.int64)
+    halvings = np.minimum(choice.octaves + choice.level, 62)
+    own, chain = (np.maximum(texels >> halvings, 1) for texels in (length, length << folds))
+    texel = (length << folds) / np.where(choice.octaves == 0, own << folds, chain)
     center = xy[np.arange(len(xy)), axis]
     first = np.round(center / texel - probes)[:, None] + 0.5 + 2.0 * np.arange(probes) - (center / texel)[:, None]
     height = _gauss if gauss else _trapezoid

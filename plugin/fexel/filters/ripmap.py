@@ -31,6 +31,6 @@ def choose(jacobian: _Floats) -> Choice:
     return Choice(np.where(axis == 0, 0, 3), octaves, level, zeros.astype(bool), sides, width, rows.along(axis)[1])
 
 
-def taps(choice: Choice, xy: _Floats, extent: tuple[int, int]) -> Taps:
+def taps(choice: Choice, xy: _Floats, size: tuple[int, int], *, mirrored: tuple[bool, bool] = (False, False)) -> Taps:
     """The accesses of pixels at (K, 2), see `fexel.filters.fipmap.taps`; T is 2."""
-    return chain_taps(choice, xy, extent, PROBES)
+    return chain_taps(choice, xy, size, PROBES, mirrored=mirrored)

@@ -54,9 +54,10 @@ class FilterTwin:
         return s, t
 
     @property
-    def extent(self) -> tuple[int, int]:
-        """Width and height, twice along a mirrored axis."""
-        return ChainLayout.of(0, (self.image.shape[1], self.image.shape[0]), self.wrap).extent
+    def _shape(self) -> dict[str, tuple]:
+        """What places of accesses depend on."""
+        x, y = (mode == "mirror" for mode in self.wrap)
+        return {"size": (self.image.shape[1], self.image.shape[0]), "mirrored": (x, y)}
 
     def sample(self, token: str, xy: _Floats, jacobian: _Floats, **options: Any) -> _Result:
         """Look pixels up.
@@ -98,12 +99,12 @@ class FilterTwin:
 
     def _ripmap(self, xy: _Floats, jacobian: _Floats) -> _Result:
         choice = ripmap.choose(jacobian)
-        return self.look_up(choice, ripmap.taps(choice, xy, self.extent))
+        return self.look_up(choice, ripmap.taps(choice, xy, **self._shape))
 
     def _fipmap(self, xy: _Floats, jacobian: _Floats, probes: int | None = None, gauss: bool = False) -> _Result:
         probes = probes or (fipmap.GAUSS_PROBES if gauss else fipmap.PROBES)
         choice = fipmap.choose(jacobian, probes, gauss=gauss)
-        return self.look_up(choice, fipmap.taps(choice, xy, jacobian, self.extent, probes, gauss=gauss))
+        return self.look_up(choice, fipmap.taps(choice, xy, jacobian, probes=probes, gauss=gauss, **self._shape))
 
     def look_up(self, choice: Choice, taps: Taps) -> _Result:
         """The accesses of pixels, weighted, (M, 4), and texels fetched, (M,), those of no weight included."""
