@@ -5,7 +5,10 @@ import pytest
 
 from fexel import mipmaps
 from fexel.filters import ewa
-from fexel.images import linear_to_srgb
+from fexel.images import linear_to_srgb, srgb_to_linear
+from fexel.textures.image_source import ImageSource
+from fexel_tools.filter_lookup import look_up
+from fexel_tools.image_files import write_image
 
 REPEAT = ("repeat", "repeat")
 WRAPS = [REPEAT, ("mirror", "mirror"), ("clamp", "clamp"), ("repeat", "clamp")]
@@ -192,3 +195,16 @@ def test_turning_image_and_view_together_changes_nothing(rng):
     here = ewa.sample(levels_of(image), REPEAT, xy, jacobian)[0]
     there = ewa.sample(levels_of(turned), REPEAT, xy @ quarter.T + [32, 0], quarter @ jacobian)[0]
     assert np.abs(here - there).max() < 1e-6
+
+
+def test_shader_takes_all_taps_of_a_grazing_view(gl, tmp_path, rng):
+    texels = np.rint(255 * linear_to_srgb(checkerboard(64, 64)[..., :3])).astype(np.uint8)
+    write_image(tmp_path / "image.png", texels)
+    stored = np.dstack([srgb_to_linear(texels / np.float32(255)), np.ones((64, 64))])
+    xy = rng.uniform(0, 64, (36, 2))
+    jacobian = np.array([footprint(0.1, azimuth) for azimuth in np.linspace(0, 175, 36)])
+    source = ImageSource(str(tmp_path / "image.png"), color_space="sRGB", wrap=REPEAT)
+    looked = look_up(gl, source, "ewa", xy, jacobian)
+    values, fetches = ewa.sample(levels_of(stored), REPEAT, xy, jacobian)
+    assert np.abs(looked.color - values).max() < 5e-3
+    assert np.abs(looked.fetches / fetches - 1).max() < 0.01

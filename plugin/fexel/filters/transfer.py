@@ -106,7 +106,8 @@ def chosen_loss(
     places = 4096 * texel + np.outer((np.arange(PHASES) + 0.5) / PHASES * texel, [1.0, 1.0])
     found = taps(choice, places)
     if octaves == 0:
-        phases = zip(found.at - places[:, None], found.weight, strict=True)
+        used = 1 if choice.compact[0] else PHASES  # compact ones are the same everywhere
+        phases = zip((found.at - places[:, None])[:used], found.weight[:used], strict=True)
         return np.mean([_points_loss(axes, at, weight, level, fx, fy) for at, weight in phases], axis=0)
     axis = direction.long_axis
     across = fy if axis == 0 else fx
@@ -186,9 +187,11 @@ def _accesses(
     level, share = part
     size = 2.0**level
     box = share * _equidistant(fx, size) * _equidistant(fy, size)
+    own = np.sinc(fx * size), np.sinc(fy * size)
     aliases = np.zeros_like(fx)
     for i, j in _NEIGHBORS:
         gx, gy = fx + i / size, fy + j / size
         truth = axes.truth(gx, gy) if level == 0 else 0.0
-        aliases += np.abs(mean(gx, gy) * box * (np.sinc(gx * size) * np.sinc(gy * size)) ** 2 - truth) ** 2
-    return mean(fx, fy) * box * (np.sinc(fx * size) * np.sinc(fy * size)) ** 2, aliases
+        tent = np.sinc(gx * size) * own[1] if i else own[0] * np.sinc(gy * size)
+        aliases += np.abs(mean(gx, gy) * box * tent**2 - truth) ** 2
+    return mean(fx, fy) * box * (own[0] * own[1]) ** 2, aliases
