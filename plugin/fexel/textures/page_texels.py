@@ -21,9 +21,12 @@ def encode_page(texels: NDArray[np.float32], page_class: int) -> NDArray:
     """Linear, premultiplied rgba (H, W, 4) as pages of SRGB or HALF store it: uint8 or float16."""
     if page_class == HALF:
         return texels.astype(np.float16)
-    texels = texels.clip(0, 1)
-    encoded = np.take(_ENCODE, (texels * 65535 + 0.5).astype(np.uint16), mode="wrap")  # no index is out of its range
-    encoded[..., 3] = texels[..., 3] * 255 + 0.5
+    steps = texels.clip(0, 1)
+    alpha = steps[..., 3] * 255 + 0.5
+    steps *= 65535
+    steps += 0.5
+    encoded = np.take(_ENCODE, steps.astype(np.uint16), mode="wrap")  # no index is out of its range
+    encoded[..., 3] = alpha
     return encoded
 
 
