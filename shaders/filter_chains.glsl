@@ -112,7 +112,8 @@ ChainExtent chain_extent(Image image, ChainRows rows, bool alongX, int quarters)
 struct ChainCell {
     vec2 at;          // of the pixel
     vec2 texel;       // periods per texel of level 0
-    float count;      // texels of the cell in a period of the long axis
+    float lines;      // texels of level 0 in a period of the long axis
+    float count;      // and of the cell
     vec2 begin;       // page coordinates of the cell's first texel
     vec2 size;        // and of a period
     float jump;       // periods of the moved axis per period of the long one
@@ -133,12 +134,12 @@ ChainCell chain_cell(Image image, vec2 uv, ChainExtent extent, int octaves, int 
     int row = clamp(octaves, extent.fewest, codes >> 8) * levels;
     vec4 place = record_fetch(extent.cells + row + clamp(level - (codes & 15), 0, levels - 1));
     bool alongX = extent.alongX;
-    vec2 unit = alongX ? image.table.zw : image.table.wz;
+    vec2 page = alongX ? image.table.zw : image.table.wz;
     ChainCell cell;
     cell.alongX = alongX;
     cell.size = place.xy;
     cell.begin = place.zw;
-    cell.count = place.x / unit.x;
+    cell.count = place.x * page.x;
     vec2 at = vec2(uv.x, 1.0 - uv.y);
     vec2 size = image.size;
 #if IMAGE_ENDS || IMAGE_MIRROR
@@ -162,16 +163,17 @@ ChainCell chain_cell(Image image, vec2 uv, ChainExtent extent, int octaves, int 
     at -= whole;
     at = vec2(abs(at.x) < CHAIN_LARGEST ? at.x : 0.0, abs(at.y) < CHAIN_LARGEST ? at.y : 0.0);
 #if IMAGE_ENDS
-    cell.halfTexel = 0.5 * unit / place.xy;
+    cell.halfTexel = 0.5 / (page * place.xy);
     at.y *= size.y;
     float pad = extent.shear * (size.x - 1.0);    // of the moved axis, where it does not repeat
     at.y += cell.ends.y ? ceil(max(-pad, 0.0)) : 0.0;
     size.y += cell.ends.y ? ceil(abs(pad)) : 0.0;
-    cell.texel = 1.0 / size;
+    cell.texel = size.yx * (1.0 / (size.x * size.y));
     at.y *= cell.texel.y;
 #else
-    cell.texel = 1.0 / size;
+    cell.texel = size.yx * (1.0 / (size.x * size.y));
 #endif
+    cell.lines = size.x;
     cell.jump = extent.shear * size.x * cell.texel.y;
     cell.at = vec2(at.x, at.y + cell.jump * at.x - 0.5 * extent.shear * cell.texel.y);
     return cell;
@@ -208,12 +210,11 @@ struct ChainBoxes {
 
 ChainBoxes chain_boxes(ChainCell cell, ChainExtent extent, float accesses)
 {
-    float scale = cell.texel.x * cell.count;
-    vec2 sides = max(extent.sides * scale, vec2(1.0));
+    vec2 sides = max(extent.sides * (cell.texel.x * cell.count), vec2(1.0));
     float ramp = 1.0 / sides.y;
     float middle = cell.at.x * cell.count;
     return ChainBoxes(0.5 * sides.x * ramp + 0.5, ramp, floor(middle - accesses + 0.5) + 0.5 - middle,
-                      vec2(cell.texel.x, extent.tilt * cell.texel.y) / scale);
+                      vec2(1.0, extent.tilt * cell.lines * cell.texel.y) / cell.count);
 }
 
 // An access: its offset along the long axis, in texels of the cell, and its weight.

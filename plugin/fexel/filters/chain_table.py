@@ -5,8 +5,8 @@ by the one whose footprints are most alike; a cell by one of its direction that 
 than finer.
 
 Layout:
-    0         where the directions are, from the image's record on; codes = first level + 16 levels + 256 octaves; page
-              coordinates of a texel
+    0         where the directions are, from the image's record on; codes = first level + 16 levels + 256 octaves; width
+              and height of the page
     then per long axis, x and y, and shear in quarters from -4 to 4, of the direction that serves it: shear; where its
               cells are, from the first of these texels on; fewest octaves; 1 where its long axis is x, else 0
     then whatever else a filter knows of the image
@@ -85,7 +85,7 @@ def chain_table(cells: Mapping[int, Cells], first: int, page: tuple[int, int], f
         (DIRECTIONS[used].shear, start[used], int(cells[used].octaves.min()), DIRECTIONS[used].long_axis == 0)
         for used in serving
     ]
-    head = [first + 1, lowest + 16 * len(levels) + 256 * (len(octaves) - 1), 1 / page[0], 1 / page[1]]
+    head = [first + 1, lowest + 16 * len(levels) + 256 * (len(octaves) - 1), *page]
     return np.concatenate([[head], directions, facts, *(_row(cells[each], octaves, levels) for each in order)])
 
 
