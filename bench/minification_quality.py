@@ -126,14 +126,14 @@ def curves(quick: bool) -> Iterator[Curve]:  # noqa: ARG001
             own = [row for row in _found if (row.way, row.truth) == (way.label, kind) and 1 <= row.view.elevation <= 10]
             error, fetches = _mean(own), float(np.mean([row.fetches for row in own]))
             axes = {"y_label": f"PSNR, dB, {kind} truth, 10 to 1 degrees", "x_log": True, "ours": way.ours}
-            yield Curve(f"minification cost {kind}", way.label, [fetches], [error], "texels fetched per pixel", **axes)
+            yield Curve(f"minification_cost_{kind}", way.label, [fetches], [error], "texels fetched per pixel", **axes)
             memory = memory_ratio(way.token, (_SIZE, _SIZE), _WRAP)
-            yield Curve(f"minification memory {kind}", way.label, [memory], [error], "memory, x image", **axes)
+            yield Curve(f"minification_memory_{kind}", way.label, [memory], [error], "memory, x image", **axes)
         for way in WAYS:
             seen = sorted({row.view.elevation for row in _found})
             y_label, x_label = f"PSNR, dB, {kind} truth", "elevation, degrees"
             y = [_decibels(way.label, elevation, kind) for elevation in seen]
-            yield Curve(f"minification fan {kind}", way.label, seen, y, x_label, y_label, x_log=True, ours=way.ours)
+            yield Curve(f"minification_fan_{kind}", way.label, seen, y, x_label, y_label, x_log=True, ours=way.ours)
 
 
 def _mean(found: list[Found]) -> float:

@@ -25,7 +25,7 @@ def test_quality_ranks_filters_by_both_truths(monkeypatch):
     assert gauss["EWA"] > gauss["fipmap"]
     assert gauss["fipmap, Gaussian"] > gauss["fipmap"]
     curves = list(minification_quality.curves(quick=True))
-    assert {curve.plot for curve in curves} >= {"minification cost box", "minification memory gauss"}
+    assert {curve.plot for curve in curves} >= {"minification_cost_box", "minification_memory_gauss"}
     assert all(np.isfinite(curve.y).all() for curve in curves)
 
 
