@@ -196,8 +196,10 @@ def chain_taps(
     shear = np.array([direction.shear for direction in FINE_DIRECTIONS])[choice.direction]
     length, folds = np.array(size)[axis], np.array(mirrored)[axis].astype(np.int64)
     halvings = np.minimum(choice.octaves + choice.level, 62)
-    own, chain = (np.maximum(texels >> halvings, 1) for texels in (length, length << folds))
-    texel = (length << folds) / np.where(choice.octaves == 0, own << folds, chain)
+    columns = (length << folds) >> halvings
+    # Of the image's own levels, and its mirror image, each has whole texels.
+    columns = np.where((choice.octaves == 0) & (length >> halvings > 0), length >> halvings << folds, columns)
+    texel = (length << folds) / np.maximum(columns, 1)
     center = xy[np.arange(len(xy)), axis]
     first = np.round(center / texel - probes)[:, None] + 0.5 + 2.0 * np.arange(probes) - (center / texel)[:, None]
     height = _gauss if gauss else _trapezoid
