@@ -37,7 +37,7 @@ def looked_up(jacobian, rng, extent=(4096, 4096), **options):
 
 
 @pytest.mark.parametrize(("directions", "memory"), [(DIRECTIONS, 12), (FINE_DIRECTIONS, 17 + 1 / 3)])
-def test_all_chains_that_may_be_chosen_make_twelve_times_the_texture(directions, memory):
+def test_memory_of_all_chains_that_may_be_chosen(directions, memory):
     chains = sum(2.0**-octaves for each in directions for octaves in range(each.octaves, 60))
     assert 4 / 3 * (1 + chains) == pytest.approx(memory)
     assert len(set(directions)) == len(directions)
