@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -106,7 +107,8 @@ def _drawn(gl, pool: TexturePool, defines: dict, record: int, *given: NDArray) -
             program[name] = unit
     half = np.array([(0.5 / atlas.size[0], 0.5 / atlas.size[1], 0, 0) for atlas in pool.atlases], np.float32)
     if "pageHalfTexel" in program:
-        program["pageHalfTexel"].write(half[: program["pageHalfTexel"].array_length].tobytes())
+        uniform = cast("Any", program["pageHalfTexel"])
+        uniform.write(half[: uniform.array_length].tobytes())
     for name, value in (("imageRecord", record), ("imageMaxProbes", pool.anisotropy)):
         if name in program:
             program[name] = value
