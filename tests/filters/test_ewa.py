@@ -208,3 +208,14 @@ def test_shader_takes_all_taps_of_a_grazing_view(gl, tmp_path, rng):
     values, fetches = ewa.sample(levels_of(stored), REPEAT, xy, jacobian)
     assert np.abs(looked.color - values).max() < 5e-3
     assert np.abs(looked.fetches / fetches - 1).max() < 0.01
+
+
+def test_view_has_all_that_ellipses_reach(gl, tmp_path, rng):
+    """Of an image that is seen in part, beyond the half pixel that other filters see."""
+    texels = rng.integers(0, 255, (256, 256, 3), np.uint8)
+    write_image(tmp_path / "image.png", texels)
+    stored = np.dstack([srgb_to_linear(texels / np.float32(255)), np.ones((256, 256))])
+    xy, jacobian = rng.uniform(120, 136, (100, 2)), np.broadcast_to(np.diag([60.0, 1.5]), (100, 2, 2)).copy()
+    source = ImageSource(str(tmp_path / "image.png"), color_space="sRGB", wrap=("clamp", "clamp"))
+    looked = look_up(gl, source, "ewa", xy, jacobian)
+    assert np.abs(looked.color - ewa.sample(levels_of(stored), ("clamp", "clamp"), xy, jacobian)[0]).max() < 5e-3

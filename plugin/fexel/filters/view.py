@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fexel.errors import FexelWarning
-from fexel.filters import FILTERS, fipmap, ripmap
+from fexel.filters import FILTERS, ewa, fipmap, ripmap
 from fexel.filters.chain import Chain
 from fexel.filters.chain_table import chain_table
 from fexel.filters.chain_wants import cells_wanted
@@ -117,6 +117,8 @@ class FilterView:
         if token in _BY_LODS:
             own = ImageView.of(pool, number, *_lods(token, jacobian, pool.anisotropy), bias, FILTERS.index(token))
             levels = np.full(len(jacobian), own.finest), np.full(len(jacobian), own.coarsest)
+            if token == "ewa":
+                window = _around(window, jacobian, pool.facts(number).size)
             parts.append(Part(number, 0, 0, levels, window))
         else:
             finest, coarsest = parts[0].levels
@@ -214,6 +216,15 @@ class _Remembered:
             record = auto.record(content.measure(reader, source, path))
             self._kept.keep(key, record, record.nbytes)
         return record
+
+
+def _around(
+    window: tuple[NDArray[np.float64], NDArray[np.float64]], jacobian: NDArray[np.float64], size: tuple[int, int]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Bounds of pieces as far as ellipses reach: further than the half pixel that they have around them."""
+    extent = np.nan_to_num(np.abs(jacobian).sum(axis=3).max(axis=1), posinf=1e9)
+    reach = ((ewa.REACH - 0.5) * np.minimum(extent, 1e9) + 1.0) / size  # 1e9: as many texels as a lookup bears
+    return window[0] - reach, window[1] + reach
 
 
 def _choices(token: str) -> list[Callable[[NDArray[np.float64]], Choice]]:
