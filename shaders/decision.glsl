@@ -1,9 +1,11 @@
 // The colour of a camera and the filter that it calls for (Bornik and Ferko 2002, section 3.2, fig. 8 and 16): a
 // decision by direction alone, as the paper takes it per polygon. Twin: plugin/fexel/filters/decision.py.
-// Requires common_math. Provides decision_color, decision_filter, decision_shear.
+// Requires common_math. Provides decision_color, decision_filter, decision_shear where the AOV `decision` is drawn.
 //
 // frame: columns along u, along v (directions in which u, v grow while the other stays: gradients, see tangent_frame of
 // surface_normal.glsl) and the normal. toCamera: unit vector from the surface. Same axes as the frame.
+
+#ifdef AOV_DECISION
 
 const float DECISION_GREEN = 0.70710678;   // cosine to the normal from which a mipmap will do: ratio of axes up to sqrt 2
 const float DECISION_TILTED = 0.5;         // cosine below which shears are worth it: ratio of axes from 2 on
@@ -18,11 +20,11 @@ vec3 decision_coordinates(vec3 toCamera, mat3 frame)
     return vec3(dot(u, toCamera) / sine, dot(frame[2], toCamera), dot(v, toCamera) / sine);
 }
 
-// Where the line from the surface to the camera meets the triangle of the primaries: R along u, G along the normal,
-// B along v; in linear Rec.709, of sum `intensity`, which falls with the camera's distance.
+// Where the line from the surface to the camera meets the triangle of the primaries: B along u, G along the normal,
+// R along v; in linear Rec.709, of sum `intensity`, which falls with the camera's distance.
 vec3 decision_color(vec3 toCamera, mat3 frame, float intensity)
 {
-    vec3 coordinates = abs(decision_coordinates(toCamera, frame));
+    vec3 coordinates = abs(decision_coordinates(toCamera, frame)).zyx;
     float sum = coordinates.x + coordinates.y + coordinates.z;
     return sum > 1e-6 ? coordinates * (intensity / sum) : vec3(0.0, intensity, 0.0);  // 1e-6: no direction at all
 }
@@ -46,3 +48,5 @@ float decision_filter(vec3 toCamera, mat3 frame)
     bool isAlongAxis = max(shear.x, shear.y) < DECISION_TANGENT;
     return cosine >= DECISION_GREEN ? 0.0 : isAlongAxis || cosine >= DECISION_TILTED ? 2.0 : 3.0;
 }
+
+#endif

@@ -26,7 +26,7 @@ def frames(count):
 
 def test_corners_and_middle_of_the_triangle():
     axes = np.eye(3)
-    assert np.allclose(decision.color(axes, frames(3)), [[1, 0, 0], [0, 0, 1], [0, 1, 0]])
+    assert np.allclose(decision.color(axes, frames(3)), [[0, 0, 1], [1, 0, 0], [0, 1, 0]])
     middle = decision.color(np.full((1, 3), 3**-0.5), frames(1))
     assert np.allclose(middle, 1 / 3)
 
@@ -43,8 +43,8 @@ def test_colour_is_that_of_the_first_octant_and_sums_to_the_intensity(rng):
 def test_colour_of_a_sheared_mapping_is_pure_where_only_one_coordinate_grows():
     # u = x - y, v = y: where u alone grows one goes along x, where v alone grows along (1, 1).
     frame = np.stack([[1.0, -1.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], axis=1)[None]
-    assert np.allclose(decision.color(np.array([[1.0, 0.0, 0.0]]), frame), [[1, 0, 0]])
-    assert np.allclose(decision.color(np.array([[0.5**0.5, 0.5**0.5, 0.0]]), frame), [[0, 0, 1]])
+    assert np.allclose(decision.color(np.array([[1.0, 0.0, 0.0]]), frame), [[0, 0, 1]])
+    assert np.allclose(decision.color(np.array([[0.5**0.5, 0.5**0.5, 0.0]]), frame), [[1, 0, 0]])
 
 
 @pytest.mark.parametrize("frame", [np.zeros((3, 3)), np.diag([0.0, 0.0, 1.0]), np.ones((3, 3)) / 3**0.5])
@@ -107,9 +107,16 @@ def test_shader_equals_the_twin(gl, rng, skew):
     assert np.abs(np.sort(np.abs(decided[:, :2])) - np.sort(np.abs(expected.shear))).max() < 1e-5
 
 
+def test_shader_is_compiled_only_with_the_aov():
+    lines = load_shader("decision.glsl").text.splitlines()
+    code = [line for line in lines if line.strip() and not line.startswith(("//", "#version", "#line"))]
+    assert code[0] == "#ifdef AOV_DECISION" and code[-1] == "#endif"
+    assert sum(line.startswith("#") for line in code) == 2
+
+
 def rendered(gl, vectors, frame, intensity):
     """Colour and decision of each direction, (M, 4) both."""
-    fragment = load_shader("decision.glsl", includes=["common_math.glsl"]).text + PROBE.read_text()
+    fragment = load_shader("decision.glsl", {"AOV_DECISION": 0}, ["common_math.glsl"]).text + PROBE.read_text()
     program = gl.program(load_shader("fullscreen.vert").text, fragment)
     size = len(vectors), 1
     directions = gl.texture(size, 4, np.pad(vectors, ((0, 0), (0, 1))).astype("f4").tobytes(), dtype="f4")

@@ -222,7 +222,7 @@ def test_decision_is_the_colour_of_the_direction_to_the_camera(renderer, tmp_pat
     to_camera /= np.linalg.norm(to_camera, axis=1, keepdims=True)
     along_v = np.array([0, 1, -2]) / np.sqrt(5)
     coordinates = np.abs(
-        np.stack([to_camera[:, 0], to_camera @ np.cross([1, 0, 0], along_v), to_camera @ along_v], axis=1)
+        np.stack([to_camera @ along_v, to_camera @ np.cross([1, 0, 0], along_v), to_camera[:, 0]], axis=1)
     )
     found = images["decision"][seen]
     np.testing.assert_allclose(found, coordinates / coordinates.sum(axis=1, keepdims=True), atol=2e-3)
@@ -238,7 +238,7 @@ def test_decision_of_an_orthographic_camera_is_one_direction(renderer, tmp_path,
     assert np.abs(renderer.render(stage, width=8, aovs=("decision",))["decision"] - [0, 1, 0]).max() < 1e-6
     UsdGeom.Xformable(stage.GetPrimAtPath("/World/Quad")).AddRotateXOp().Set(-60.0)
     images = renderer.render(stage, width=8, aovs=("decision", "primId"))
-    wanted = np.array([0.0, 0.5, np.sqrt(0.75)]) / (0.5 + np.sqrt(0.75))
+    wanted = np.array([np.sqrt(0.75), 0.5, 0.0]) / (0.5 + np.sqrt(0.75))
     np.testing.assert_allclose(images["decision"][images["primId"][..., 0] >= 0] - wanted, 0.0, atol=1e-5)
 
 

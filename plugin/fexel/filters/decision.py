@@ -1,8 +1,8 @@
 """The paper's decision between filters by the camera's direction, and the colour that shows it.
 
-At a place of a surface the camera stands in an octant of three axes: along u, along the normal, along v. The line to
-it meets the triangle of the red, green and blue primary at the camera's colour (Bornik and Ferko 2002, section 3.2,
-fig. 8). Greenish, near the normal, a mipmap will do; along the sides to red or blue, where it looks along u or v, a
+At a place of a surface the camera stands in an octant of three axes: B along u, G along the normal, R along v. The line
+to it meets the triangle of the blue, green and red primary at the camera's colour (Bornik and Ferko 2002, section 3.2,
+fig. 8). Greenish, near the normal, a mipmap will do; along the sides to blue or red, where it looks along u or v, a
 ripmap; below, a fipmap, whose shear b or c is the tangent of the angle between the camera's place seen from above and
 the nearer axis (fig. 16). The paper leaves the thresholds open: those here follow from the ratio of a footprint's axes,
 which is one over the cosine to the normal, and from the tangents that there are.
@@ -72,14 +72,14 @@ def color(
     Returns
     -------
     (M, 3) float64
-        Linear Rec.709: R along u, G along the normal, B along v, of sum `intensity`; green where there are no u and v.
+        Linear Rec.709: R along v, G along the normal, B along u, of sum `intensity`; green where there are no u and v.
 
     Examples
     --------
     >>> color(np.array([[0.6, 0.8, 0.0]]), np.eye(3)[None]).round(3)
-    array([[0.429, 0.   , 0.571]])
+    array([[0.571, 0.   , 0.429]])
     """
-    coordinates = np.abs(_coordinates(to_camera, frame))
+    coordinates = np.abs(_coordinates(to_camera, frame))[:, ::-1]
     total = coordinates.sum(axis=1)
     safe = np.where(total > 1e-6, total, 1.0)[:, None]
     shares = np.where(total[:, None] > 1e-6, coordinates / safe, [0.0, 1.0, 0.0])

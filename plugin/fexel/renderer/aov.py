@@ -49,7 +49,7 @@ AOVS = _table(
     Aov("footprint", ("X", "Y", "Z"), 0.0, "pixel in texels of the main texture: major, minor axis, angle of major", 4),
     Aov("fetches", ("F",), 0.0, "texels fetched for the main texture; 0 where there is none", 1),
     Aov("filter", ("I",), -1.0, "minification filter of the main texture, place in FILTERS; -1 where none", 1),
-    Aov("decision", ("R", "G", "B"), 0.0, "colour of the camera's direction: along s, normal, along t", 4),
+    Aov("decision", ("R", "G", "B"), 0.0, "colour of the camera's direction: along t, normal, along s", 4),
     Aov("primId", ("I",), -1.0, "index of the prim in Scene.prim_paths; -1 where there is nothing", 1),
 )
 
