@@ -44,6 +44,7 @@ FLOOR = 1e-30
 """Keeps logarithms and quotients finite where a Jacobian is 0."""
 
 _LARGEST = 1e9  # texels per pixel; more, or not a number, is the whole image
+_LEAST = 1e-60  # texels per pixel; less is 0, so that no square of a square underflows
 
 _Floats = NDArray[np.float64]
 _Ints = NDArray[np.int64]
@@ -139,11 +140,15 @@ class Rows:
 
 
 def usable(jacobian: _Floats) -> _Floats:
-    """Jacobians with those replaced that are not finite, or too large for what follows: they see the whole image."""
+    """Jacobians with those replaced that are not finite, or too large for what follows: they see the whole image.
+
+    What is too small is 0.
+    """
     jacobian = np.asarray(jacobian, np.float64)
     with np.errstate(invalid="ignore"):
         fits = (np.abs(jacobian) < _LARGEST).all(axis=(1, 2), keepdims=True)
-    return np.where(fits, jacobian, _LARGEST * np.eye(2))
+        kept = np.where(np.abs(jacobian) < _LEAST, 0.0, jacobian)
+    return np.where(fits, kept, _LARGEST * np.eye(2))
 
 
 def short_level(width: _Floats) -> _Ints:
