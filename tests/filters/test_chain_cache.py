@@ -106,6 +106,19 @@ def test_another_content_or_anything_else_done_to_it_has_a_file_of_its_own(pictu
     assert len(beside(picture)) == len(kinds) + 3
 
 
+def test_file_that_is_rewritten_in_place_with_its_size_and_time_has_chains_of_its_own(tmp_path, rng):
+    file = str(tmp_path / "noise.tif")  # without compression: as large whatever is in it
+    write(file, rng.integers(0, 255, (40, 60, 3), np.uint8))
+    before, status = all_texels(source_of(file)), os.stat(file)
+    write(file, rng.integers(0, 255, (40, 60, 3), np.uint8))
+    os.utime(file, ns=(status.st_atime_ns, status.st_mtime_ns))
+    assert (os.stat(file).st_size, os.stat(file).st_mtime_ns) == (status.st_size, status.st_mtime_ns)
+    after = all_texels(source_of(file))
+    assert not same(after, before)
+    file = shutil.copy(file, str(tmp_path / "elsewhere.tif"))
+    assert same(all_texels(source_of(file), reader=ChainTexels(base=_HeadersOnly())), after)
+
+
 @pytest.mark.parametrize(
     "damage",
     [

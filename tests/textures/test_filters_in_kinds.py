@@ -84,6 +84,36 @@ def test_contrast_and_brightness_of_a_nested_texture_are_of_its_image(kind):
     assert holder.bias == (0.25, 0.25, 0.25, 0.0)
 
 
+@pytest.mark.parametrize("kind", ["ZipmapTexture", "PinchmapTexture", "UmbrellaTexture"])
+def test_contrast_and_brightness_of_a_patch_hold_for_its_fallback_as_for_an_image(kind):
+    stage = zipmap_stage(NEST)
+    nested = stage.DefinePrim("/Zipmap/other", kind)
+    nested.GetAttribute("inputs:scale").Set((2, 2, 2, 1))
+    nested.GetAttribute("inputs:fallback").Set((0.8, 0.4, 0.0, 0.5))
+    api = fexel.TextureMinificationAPI.Apply(nested)
+    api.CreateContrastAttr(0.5)
+    api.CreateBrightnessAttr(0.25)
+    read = data(stage)
+    if kind == "ZipmapTexture":
+        shown = read.sources[read.source_index[read.paths.index("/Zipmap/other")]].fallback
+    else:
+        other = read.nested[0].data
+        shown = (
+            other.signal.fallback
+            if kind == "PinchmapTexture"
+            else [s * v + b for v, s, b in zip(other.background.fallback, other.scale, other.bias, strict=True)]
+        )
+    assert shown == pytest.approx((0.65, 0.45, 0.25, 0.5))
+
+
+def test_patch_without_a_fallback_stays_transparent_whatever_its_brightness():
+    stage = zipmap_stage(NEST)
+    api = fexel.TextureMinificationAPI.Apply(stage.GetPrimAtPath(OUTER))
+    api.CreateBrightnessAttr(0.25)
+    read = data(stage)
+    assert read.sources[read.source_index[1]].fallback == (0.0, 0.0, 0.0, 0.0)
+
+
 def test_contrast_and_brightness_of_a_patch_are_of_its_image_and_of_a_root_of_nothing_here():
     stage = zipmap_stage(NEST)
     for path in ("/Zipmap", OUTER):

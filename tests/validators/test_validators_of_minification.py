@@ -55,6 +55,40 @@ def test_value_that_cannot_be_used_is_an_error_on_shaders_too(sample, name, valu
     assert finding.message == f"minification:{name}: {message}"
 
 
+@pytest.mark.parametrize("of", [lambda sample: sample.root.GetPrim(), shader])
+@pytest.mark.parametrize(
+    ("name", "kind", "value", "message"),
+    [
+        ("contrast", Sdf.ValueTypeNames.String, "x", "'x', expected a number"),
+        ("contrast", Sdf.ValueTypeNames.String, "0.5", "'0.5', expected a number"),
+        ("brightness", Sdf.ValueTypeNames.Float3, Gf.Vec3f(1), "Gf.Vec3f(1.0, 1.0, 1.0), expected a number"),
+        ("attenuationDistance", Sdf.ValueTypeNames.String, "far", "'far', expected a number"),
+        ("attenuationDistance", Sdf.ValueTypeNames.StringArray, ["x"], "expected a number"),
+        ("attenuationColor", Sdf.ValueTypeNames.String, "red", "'red', expected 3 numbers"),
+        ("attenuationColor", Sdf.ValueTypeNames.Color3fArray, [Gf.Vec3f(1)] * 3, "expected 3 numbers"),
+        ("attenuationColor", Sdf.ValueTypeNames.Float, 1.0, "1.0, expected 3 numbers"),
+        ("filter", Sdf.ValueTypeNames.Float, 1.0, "1.0, expected one of mipmap, anisotropic, ripmap, fipmap"),
+        ("filter", Sdf.ValueTypeNames.StringArray, ["x"], "expected one of mipmap, anisotropic, ripmap, fipmap"),
+    ],
+)
+def test_value_of_another_type_is_an_error_and_no_traceback(sample, of, name, kind, value, message):
+    applied(of(sample))
+    spec = Sdf.CreatePrimInLayer(sample.stage.GetEditTarget().GetLayer(), of(sample).GetPath())
+    Sdf.AttributeSpec(spec, f"minification:{name}", kind).default = value
+    (finding,) = (each for each in sample.findings() if each.validator.startswith("fexel:"))  # USD itself has one, too
+    assert finding.severity == "error"
+    assert finding.message.startswith(f"minification:{name}: ") and finding.message.endswith(message)
+    assert "\n" not in finding.message
+
+
+def test_attenuation_of_another_type_on_a_patch_is_one_error(sample):
+    applied(sample.patch.GetPrim())
+    spec = Sdf.CreatePrimInLayer(sample.stage.GetEditTarget().GetLayer(), sample.patch.GetPrim().GetPath())
+    Sdf.AttributeSpec(spec, "minification:attenuationDistance", Sdf.ValueTypeNames.String).default = "far"
+    (finding,) = (each for each in sample.findings() if each.validator.startswith("fexel:"))
+    assert finding.message == "minification:attenuationDistance: 'far', expected a number"
+
+
 def test_time_samples_are_looked_at_too(sample):
     applied(sample.root.GetPrim())
     attribute = sample.root.GetPrim().GetAttribute("minification:contrast")

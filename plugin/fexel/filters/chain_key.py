@@ -43,11 +43,13 @@ def chain_key(source: ImageSource, facts: ImageFacts, layout: ChainLayout, vecto
 
 
 def _digest(path: str) -> bytes:
-    status = os.stat(local_file(path))
-    return _digest_of(local_file(path), status.st_mtime_ns, status.st_size)
+    file = local_file(path)
+    status = os.stat(file)
+    # A file that is written in place may keep its size, and its time where clocks are coarse or tools set it.
+    return _digest_of(file, (status.st_mtime_ns, status.st_ctime_ns, status.st_ino, status.st_size))
 
 
 @functools.lru_cache(maxsize=4096)
-def _digest_of(path: str, _mtime_ns: int, _size: int) -> bytes:
+def _digest_of(path: str, _status: tuple[int, ...]) -> bytes:
     with open(path, "rb") as file:
         return hashlib.file_digest(file, "sha256").digest()

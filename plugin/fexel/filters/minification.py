@@ -20,7 +20,7 @@ from pxr import Usd
 from fexel.filters import DEFAULT_FILTER, FILTERS, PORTABLE_FILTERS
 from fexel.textures.inputs import Inputs, warn
 
-__all__ = ["NO_MINIFICATION", "Minification", "filter_of", "minification_of", "minification_of_prim"]
+__all__ = ["NO_MINIFICATION", "Minification", "filter_of", "minification_of", "minification_of_prim", "numbers_of"]
 
 _API = "TextureMinificationAPI"
 _PREFIX = "minification:"
@@ -115,6 +115,15 @@ def minification_of_prim(
     )
 
 
+def numbers_of(value: Any, count: int) -> tuple[float, ...] | None:
+    """A value of an attribute as so many numbers; None where it is of another type."""
+    try:
+        numbers = (float(value),) if count == 1 else tuple(float(v) for v in value)
+    except (TypeError, ValueError):
+        return None
+    return numbers if len(numbers) == count and not isinstance(value, str) else None
+
+
 def _filter(prim: Usd.Prim, time: Usd.TimeCode, names: Iterable[str], tell: Tell | None) -> str | None:
     if not names:
         return None
@@ -168,11 +177,8 @@ class _Values:
         value = self.prim.GetAttribute(_PREFIX + name).Get(self.time) if _PREFIX + name in self.names else None
         if value is None:
             return None
-        try:
-            numbers = (float(value),) if count == 1 else tuple(float(v) for v in value)
-        except (TypeError, ValueError):
-            numbers = ()
-        if len(numbers) == count:
+        numbers = numbers_of(value, count)
+        if numbers is not None:
             return numbers
         expected = "a number" if count == 1 else f"{count} numbers"
         return self._refused(name, f"{value!r}, expected {expected}; it is left out", None)

@@ -76,7 +76,7 @@ def image_source(inputs: Inputs, nested: bool, own: Minification = NO_MINIFICATI
         wrap=PATCH_WRAP if nested else wrap_of(inputs),
         scale=scale,
         bias=bias,
-        fallback=fallback_of(inputs, nested),
+        fallback=fallback_of(inputs, nested, own),
     )
 
 
@@ -114,6 +114,10 @@ def wrap_of(inputs: Inputs) -> tuple[str, str]:
     return inputs.token("wrapS", _WRAP_MODES, "useMetadata"), inputs.token("wrapT", _WRAP_MODES, "useMetadata")
 
 
-def fallback_of(inputs: Inputs, nested: bool) -> tuple[float, ...]:
-    """Linear rgba. A patch that cannot be read leaves its parent to be seen, unless a colour was authored for that."""
-    return inputs.vector("fallback", NO_FALLBACK if nested else (0.0, 0.0, 0.0, 1.0))
+def fallback_of(inputs: Inputs, nested: bool, own: Minification = NO_MINIFICATION) -> tuple[float, ...]:
+    """Linear rgba, with contrast and brightness of `own` as an image would have them.
+
+    A patch that cannot be read leaves its parent to be seen, unless a colour was authored for that.
+    """
+    fallback = inputs.vector("fallback", NO_FALLBACK if nested else (0.0, 0.0, 0.0, 1.0))
+    return (*(own.contrast * v + own.brightness for v in fallback[:3]), fallback[3]) if fallback[3] else fallback

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from pxr import Usd
 
+from fexel.filters.minification import Minification
 from fexel.schema.umbrella import UmbrellaTexture
 from fexel.textures.image_source import (
     BIAS_ZERO,
@@ -164,7 +165,7 @@ def extract(prim: Usd.Prim, time: Usd.TimeCode, nested: bool = False) -> Umbrell
     scale, bias = toned(scale, bias, minification)
     images = [patch.shape.image for patch in patches if patch.shape.image is not None]
     data = UmbrellaData(
-        background=_background(inputs, nested, scale, bias),
+        background=_background(inputs, nested, scale, bias, minification),
         arrangement=arrangement,
         paths=tuple(f"{patch.path}.file" for patch in patches),
         wrap=PATCH_WRAP if nested else wrap_of(inputs),
@@ -234,9 +235,11 @@ def _share(inputs: Inputs, name: str, default: float) -> float:
     return value
 
 
-def _background(inputs: Inputs, nested: bool, scale: tuple[float, ...], bias: tuple[float, ...]) -> ImageSource:
+def _background(
+    inputs: Inputs, nested: bool, scale: tuple[float, ...], bias: tuple[float, ...], own: Minification
+) -> ImageSource:
     """The image behind all umbrellas; its fallback such that scale and bias make of it what is authored."""
-    fallback = fallback_of(inputs, nested)
+    fallback = fallback_of(inputs, nested, own)
     unscaled = tuple((v - b) / s if s else 0.0 for v, s, b in zip(fallback, scale, bias, strict=True))
     wrap = ("clamp", "clamp") if nested else wrap_of(inputs)
     return ImageSource(inputs.asset("file"), inputs.asset("mask"), inputs.color_space(), wrap, fallback=unscaled)

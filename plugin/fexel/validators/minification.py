@@ -6,16 +6,17 @@ Tokens and limits that the schema gives are checked by ``fexel:Limits`` on fexel
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from pxr import Usd, UsdShade
 
+from fexel.filters.minification import numbers_of
 from fexel.schema.minification import TextureMinificationAPI
 from fexel.schema.wrapper import is_a
 from fexel.validators.fault import Fault, authored_values
 from fexel.validators.prim_validator import TEXTURES, PrimValidator
-from fexel.validators.values import check_limits
+from fexel.validators.values import check_limits, limits_of
 
 __all__ = ["VALIDATORS", "check_minification"]
 
@@ -43,25 +44,36 @@ def check_minification(prim: Usd.Prim) -> Iterator[Fault]:
 
 def _check_values(prim: Usd.Prim) -> Iterator[Fault]:
     for name in ("contrast", "brightness"):
-        yield from _check(prim, name, math.isfinite, "a finite number")
-    yield from _check(prim, "attenuationDistance", lambda value: value != 0.0, "more than 0")
-    yield from _check(prim, "attenuationColor", _is_color, "finite values from 0")
+        yield from _check(prim, name, 1, lambda value: math.isfinite(value[0]), "a finite number")
+    yield from _check(prim, "attenuationDistance", 1, lambda value: value[0] != 0.0, "more than 0")
+    yield from _check(prim, "attenuationColor", 3, _is_color, "finite values from 0")
     distance = prim.GetAttribute(f"{_NAMESPACE}:attenuationDistance")
     is_patch = is_a(prim, "FexelTexture") and is_a(prim.GetParent(), "FexelTexture")
-    if is_patch and any(math.isfinite(v) for _, v in authored_values(distance)):
+    authored = [numbers_of(value, 1) for _, value in authored_values(distance)] if is_patch else []
+    if any(value and math.isfinite(value[0]) for value in authored):
         message = "has no effect on a patch; attenuation is that of the texture which a material reads"
         yield Fault(distance.GetPath(), message, is_error=False)
 
 
-def _check(prim: Usd.Prim, name: str, is_usable: Any, expected: str) -> Iterator[Fault]:
+def _check(
+    prim: Usd.Prim, name: str, count: int, is_usable: Callable[[tuple[float, ...]], bool], expected: str
+) -> Iterator[Fault]:
+    """Values that are not so many numbers, unless limits have that to say, or that cannot be used."""
     attribute = prim.GetAttribute(f"{_NAMESPACE}:{name}")
     for when, value in authored_values(attribute):
-        if not is_usable(value):
-            shown = f"{value:g}" if isinstance(value, float) else str(value)
-            yield Fault(attribute.GetPath(), f"{shown}, expected {expected}{when}")
+        numbers = numbers_of(value, count)
+        if numbers is None and not limits_of(attribute):
+            wanted = "a number" if count == 1 else f"{count} numbers"
+            yield Fault(attribute.GetPath(), f"{value!r}, expected {wanted}{when}")
+        elif numbers is not None and not is_usable(numbers):
+            yield Fault(attribute.GetPath(), f"{_shown(value)}, expected {expected}{when}")
 
 
-def _is_color(value: Any) -> bool:
+def _shown(value: Any) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _is_color(value: tuple[float, ...]) -> bool:
     return all(math.isfinite(v) and v >= 0.0 for v in value)
 
 

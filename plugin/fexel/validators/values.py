@@ -10,20 +10,27 @@ from pxr import Usd
 from fexel.validators.fault import Fault, authored_values
 from fexel.validators.prim_validator import ANY, PrimValidator
 
-__all__ = ["VALIDATORS", "check_limits"]
+__all__ = ["VALIDATORS", "check_limits", "limits_of"]
+
+
+def limits_of(attribute: Usd.Attribute) -> dict[str, Any]:
+    """The hard limits that the schema gives, of numbers; empty where it gives none."""
+    return (attribute.GetMetadata("limits") or {}).get("hard") or {}
 
 
 def check_limits(prim: Usd.Prim) -> Iterator[Fault]:
     """Authored values of fexel's attributes outside the hard limits or the allowed tokens that the schema gives."""
     for attribute in prim.GetAuthoredAttributes():
         allowed = attribute.GetMetadata("allowedTokens")
-        hard = (attribute.GetMetadata("limits") or {}).get("hard")
+        hard = limits_of(attribute)
         if not attribute.IsDefined() or attribute.IsCustom() or not (allowed or hard):
             continue
         for when, value in authored_values(attribute):
-            if allowed and value not in allowed:
+            if allowed and not (isinstance(value, str) and value in allowed):
                 message = f"{value}, expected one of {', '.join(allowed)}{when}"
                 yield Fault(attribute.GetPath(), message)
+            elif hard and not isinstance(value, int | float):
+                yield Fault(attribute.GetPath(), f"{value!r}, expected a number{when}")
             elif hard and not _within(value, hard):
                 yield Fault(attribute.GetPath(), f"{value:g}, expected {_range(hard)}{when}")
 
