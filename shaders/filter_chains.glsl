@@ -1,5 +1,5 @@
 // Lookups in chains of prefiltered images (fexel/filters/chain.py). Included by image.glsl, for ripmap and fipmap.
-// Provides ChainRows, chain_rows, chain_along_x, chain_level, chain_octaves, ChainExtent, chain_plain, chain_extent, ChainCell, chain_cell, chain_access,
+// Provides ChainRows, chain_rows, chain_along_x, chain_level, chain_octaves, ChainExtent, chain_plain, chain_extent, ChainCell, chain_cell, chain_page, chain_access,
 // ChainBoxes, chain_boxes, chain_box. Twin of fexel/filters/lookup.py.
 //
 // A footprint is moved along a direction (fexel/filters/shears.py). A cell of that direction has texels that are 2^level
@@ -65,7 +65,7 @@ float chain_exp2(int x)
 // The coarsest level of which a width is CHAIN_LIFT texels at least; given the width squared, texels^2 of level 0.
 int chain_level(float square)
 {
-    return max(chain_log2_floor(max(square * (1.0 / (CHAIN_LIFT * CHAIN_LIFT)), CHAIN_FLOOR)) >> 1, 0);
+    return chain_log2_floor(max(square * (1.0 / (CHAIN_LIFT * CHAIN_LIFT)), 1.0)) >> 1;
 }
 
 vec2 chain_sides(ChainRows rows, bool alongX)
@@ -83,7 +83,8 @@ int chain_octaves(vec2 sides, int level, float accesses)
 // What a footprint measures once it is moved along a direction of the table.
 struct ChainExtent {
     vec2 sides;       // of the parallelogram along the long axis, texels of level 0, the longer first
-    float tilt;       // what is left of its slope: texels along the moved axis per texel along the long one
+    float square;     // of its length along the long axis, texels^2
+    float lean;       // times what is left of its slope: texels along the moved axis per texel along the long one
     float shear;
     bool alongX;
     int cells;        // of the direction, in the record texture
@@ -95,8 +96,8 @@ ChainExtent chain_plain(Image image, ChainRows rows, bool alongX)
 {
     int codes = int(image.table.y);
     int row = ((codes >> 8) + 1) * ((codes >> 4) & 15);
-    float tangent = rows.xy / max(alongX ? rows.xx : rows.yy, CHAIN_FLOOR);
-    return ChainExtent(chain_sides(rows, alongX), tangent, 0.0, alongX, int(image.table.x) + CHAIN_SLANTS + (alongX ? 0 : row), 0);
+    float square = max(alongX ? rows.xx : rows.yy, CHAIN_FLOOR);
+    return ChainExtent(chain_sides(rows, alongX), square, rows.xy, 0.0, alongX, int(image.table.x) + CHAIN_SLANTS + (alongX ? 0 : row), 0);
 }
 
 // quarters: 4 times the shear that is asked for.
@@ -105,8 +106,8 @@ ChainExtent chain_extent(Image image, ChainRows rows, bool alongX, int quarters)
     int table = int(image.table.x);
     vec4 entry = record_fetch(table + (alongX ? 4 : 13) + quarters);
     alongX = entry.w > 0.0;
-    float tangent = rows.xy / max(alongX ? rows.xx : rows.yy, CHAIN_FLOOR);
-    return ChainExtent(chain_sides(rows, alongX), tangent + entry.x, entry.x, alongX, table + int(entry.y), int(entry.z));
+    float square = max(alongX ? rows.xx : rows.yy, CHAIN_FLOOR);
+    return ChainExtent(chain_sides(rows, alongX), square, rows.xy + entry.x * square, entry.x, alongX, table + int(entry.y), int(entry.z));
 }
 
 struct ChainCell {
@@ -179,8 +180,8 @@ ChainCell chain_cell(Image image, vec2 uv, ChainExtent extent, int octaves, int 
     return cell;
 }
 
-// One bilinear access; its moved coordinate is as if the long one needed no wrapping.
-vec4 chain_access(Image image, ChainCell cell, vec2 at)
+// Page coordinates of an access; its moved coordinate is as if the long one needed no wrapping.
+vec2 chain_page(ChainCell cell, vec2 at)
 {
     float whole = floor(at.x);
 #if IMAGE_ENDS
@@ -197,13 +198,18 @@ vec4 chain_access(Image image, ChainCell cell, vec2 at)
     at.y = cell.folds.y ? min(at.y, 1.0 - at.y) : at.y;
 #endif
     vec2 page = cell.begin + cell.size * at;
-    return image_page(image, cell.alongX ? page : page.yx);
+    return cell.alongX ? page : page.yx;
+}
+
+vec4 chain_access(Image image, ChainCell cell, vec2 at)
+{
+    return image_page(image, chain_page(cell, at));
 }
 
 // A trapezoid along the long axis: of the footprint, convolved with a texel. Two neighbouring texels are one access.
 struct ChainBoxes {
-    float reach;      // from its middle to where it ends, in lengths of such an end
-    float ramp;       // by how much each end falls per texel of the cell
+    float reach;      // from its middle to where it ends, in texels of the cell
+    float height;     // and in that unit the length of each end
     float first;      // centre of the first texel, from the middle, in texels of the cell
     vec2 step;        // periods per texel of the cell
 };
@@ -211,18 +217,18 @@ struct ChainBoxes {
 ChainBoxes chain_boxes(ChainCell cell, ChainExtent extent, float accesses)
 {
     vec2 sides = max(extent.sides * (cell.texel.x * cell.count), vec2(1.0));
-    float ramp = 1.0 / sides.y;
     float middle = cell.at.x * cell.count;
-    return ChainBoxes(0.5 * sides.x * ramp + 0.5, ramp, floor(middle - accesses + 0.5) + 0.5 - middle,
-                      vec2(1.0, extent.tilt * cell.lines * cell.texel.y) / cell.count);
+    float inverse = 1.0 / (extent.square * cell.count);
+    return ChainBoxes(0.5 * (sides.x + sides.y), sides.y, floor(middle - accesses + 0.5) + 0.5 - middle,
+                      vec2(extent.square, extent.lean * cell.lines * cell.texel.y) * inverse);
 }
 
 // An access: its offset along the long axis, in texels of the cell, and its weight.
 vec2 chain_box(ChainBoxes boxes, float number)
 {
     float left = boxes.first + 2.0 * number;
-    float near = clamp(boxes.reach - abs(left) * boxes.ramp, 0.0, 1.0);
-    float far = clamp(boxes.reach - abs(left + 1.0) * boxes.ramp, 0.0, 1.0);
+    float near = clamp(boxes.reach - abs(left), 0.0, boxes.height);
+    float far = clamp(boxes.reach - abs(left + 1.0), 0.0, boxes.height);
     float both = near + far;
     return vec2(left + far / max(both, 1e-6), both);    // 1e-6: what has no weight is anywhere
 }

@@ -39,6 +39,14 @@ vec2 fipmap_point(FipmapPoints points, float number, float accesses)
          + (1.0 - 2.0 * (number - 2.0 * pair)) * points.zigzag;
 }
 
+// Page coordinates of an access, and its weight.
+vec3 fipmap_access(ChainCell cell, ChainBoxes boxes, FipmapPoints points, bool compact, float number, float accesses)
+{
+    vec2 box = chain_box(boxes, number);
+    vec2 offset = compact ? fipmap_point(points, number, accesses) * cell.texel : boxes.step * box.x;
+    return vec3(chain_page(cell, cell.at + offset), compact ? 1.0 : box.y);
+}
+
 // accesses: 4, 6, ... IMAGE_ACCESSES; lod: of the short side.
 vec4 fipmap_sample(Image image, vec2 uv, vec2 dx, vec2 dy, float accesses, out float lod)
 {
@@ -73,19 +81,20 @@ vec4 fipmap_sample(Image image, vec2 uv, vec2 dx, vec2 dy, float accesses, out f
 #if IMAGE_FILTER_AUTO
     int i = 0;
     do {
-#else
-    for (int i = 0; i < IMAGE_ACCESSES; ++i) {
-#endif
-        float number = float(i);
-        vec2 box = chain_box(boxes, number);
-        vec2 offset = compact ? fipmap_point(points, number, accesses) * cell.texel : boxes.step * box.x;
-        float weight = number < accesses ? compact ? 1.0 : box.y : 0.0;
-        sum += weight * chain_access(image, cell, cell.at + offset);
+        vec3 access = fipmap_access(cell, boxes, points, compact, float(i), accesses);
+        float weight = float(i) < accesses ? access.z : 0.0;
+        sum += weight * image_page(image, access.xy);
         total += weight;
-#if IMAGE_FILTER_AUTO
         ++i;
     } while (float(i) < accesses);
 #else
+    // Places before accesses, for llvmpipe keeps in memory what it needs beyond one.
+    vec3 access[IMAGE_ACCESSES];
+    for (int i = 0; i < IMAGE_ACCESSES; ++i)
+        access[i] = fipmap_access(cell, boxes, points, compact, float(i), accesses);
+    for (int i = 0; i < IMAGE_ACCESSES; ++i) {
+        sum += access[i].z * image_page(image, access[i].xy);
+        total += access[i].z;
     }
 #endif
     LOOKUP_COUNT(4.0 * accesses);

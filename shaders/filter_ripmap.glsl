@@ -17,7 +17,10 @@ vec4 filter_ripmap(Image image, vec2 uv, vec2 dx, vec2 dy, float maxProbes, out 
     vec2 two = chain_box(boxes, 1.0);
     lod = float(level);
     LOOKUP_COUNT(4.0 * RIPMAP_ACCESSES);
-    return mix(chain_access(image, cell, cell.at + boxes.step * one.x), chain_access(image, cell, cell.at + boxes.step * two.x),
-               two.y / (one.y + two.y));
+    // Places before accesses, for llvmpipe keeps in memory what it needs beyond one.
+    vec2 onePage = chain_page(cell, cell.at + boxes.step * one.x);
+    vec2 twoPage = chain_page(cell, cell.at + boxes.step * two.x);
+    float share = two.y / (one.y + two.y);
+    return mix(image_page(image, onePage), image_page(image, twoPage), share);
 }
 #endif
