@@ -10,7 +10,8 @@
 // an axis, ends there, or is mirrored. The table of an image is described in fexel/filters/chain_table.py.
 #if defined(IMAGE_LEVELS) && IMAGE_CHAINS
 
-const float CHAIN_LARGEST = 1e9;    // texels per pixel: more, or not a number, is the whole image
+const float CHAIN_LARGEST = 1e9;    // texels per pixel, what the whole image is seen by
+const float CHAIN_WHOLE = 1e5;      // images per pixel: more, or not a number, is the whole image
 // As fexel/filters/lookup.py has them, which says what for.
 const float CHAIN_LIFT = 1.5;
 const float CHAIN_RAMP = 0.5;
@@ -34,7 +35,7 @@ ChainRows chain_rows(Image image, vec2 dx, vec2 dy)
 {
     vec2 x = vec2(dx.x, dy.x) * image.size.x;
     vec2 y = vec2(dx.y, dy.y) * -image.size.y;
-    bool fits = abs(x.x) + abs(x.y) + abs(y.x) + abs(y.y) < CHAIN_LARGEST;
+    bool fits = (abs(dx.x) + abs(dx.y)) + (abs(dy.x) + abs(dy.y)) < CHAIN_WHOLE;
     x = fits ? x : vec2(CHAIN_LARGEST, 0.0);
     y = fits ? y : vec2(0.0, CHAIN_LARGEST);
     return ChainRows(x, y, dot(x, x), dot(y, y), dot(x, y), abs(x.x * y.y - x.y * y.x));
@@ -46,7 +47,7 @@ bool chain_along_x(ChainRows rows)
     return rows.yy <= CHAIN_EQUAL * rows.xx;
 }
 
-// floor(log2(x)) and ceil(log2(x)), exactly, of x > 0.
+// floor(log2(x)) and ceil(log2(x)), exactly, of x > 0; of 0 far below 0.
 int chain_log2_floor(float x)
 {
     return (floatBitsToInt(x) >> 23) - 127;
@@ -65,19 +66,20 @@ float chain_exp2(int x)
 // The coarsest level of which a width is CHAIN_LIFT texels at least; given the width squared, texels^2 of level 0.
 int chain_level(float square)
 {
-    return chain_log2_floor(max(square * (1.0 / (CHAIN_LIFT * CHAIN_LIFT)), 1.0)) >> 1;
+    return max(chain_log2_floor(square * (1.0 / (CHAIN_LIFT * CHAIN_LIFT))) >> 1, 0);
 }
 
 vec2 chain_sides(ChainRows rows, bool alongX)
 {
-    vec2 sides = abs(alongX ? rows.x : rows.y);
-    return vec2(max(sides.x, sides.y), min(sides.x, sides.y));
+    vec2 x = abs(rows.x);
+    vec2 y = abs(rows.y);
+    return alongX ? vec2(max(x.x, x.y), min(x.x, x.y)) : vec2(max(y.x, y.y), min(y.x, y.y));
 }
 
 // By how many octaves a texel must be longer than wide, for so many accesses to do; may be negative.
 int chain_octaves(vec2 sides, int level, float accesses)
 {
-    return chain_log2_ceil(max(sides.x + CHAIN_RAMP * sides.y, CHAIN_FLOOR) / (2.0 * accesses + CHAIN_SLACK)) - level;
+    return chain_log2_ceil((sides.x + CHAIN_RAMP * sides.y) / (2.0 * accesses + CHAIN_SLACK)) - level;
 }
 
 // What a footprint measures once it is moved along a direction of the table.
@@ -95,7 +97,7 @@ struct ChainExtent {
 ChainExtent chain_plain(Image image, ChainRows rows, bool alongX)
 {
     int codes = int(image.table.y);
-    int row = ((codes >> 8) + 1) * ((codes >> 4) & 15);
+    int row = ((codes >> 8) + 1) << ((codes >> 4) & 15);
     float square = max(alongX ? rows.xx : rows.yy, CHAIN_FLOOR);
     return ChainExtent(chain_sides(rows, alongX), square, rows.xy, 0.0, alongX, int(image.table.x) + CHAIN_SLANTS + (alongX ? 0 : row), 0);
 }
@@ -131,9 +133,9 @@ struct ChainCell {
 ChainCell chain_cell(Image image, vec2 uv, ChainExtent extent, int octaves, int level)
 {
     int codes = int(image.table.y);
-    int levels = (codes >> 4) & 15;
-    int row = clamp(octaves, extent.fewest, codes >> 8) * levels;
-    vec4 place = record_fetch(extent.cells + row + clamp(level - (codes & 15), 0, levels - 1));
+    int bits = (codes >> 4) & 15;
+    int row = clamp(octaves, extent.fewest, codes >> 8) << bits;
+    vec4 place = record_fetch(extent.cells + row + clamp(level - (codes & 15), 0, (1 << bits) - 1));
     bool alongX = extent.alongX;
     vec2 page = alongX ? image.table.zw : image.table.wz;
     ChainCell cell;
@@ -219,7 +221,7 @@ ChainBoxes chain_boxes(ChainCell cell, ChainExtent extent, float accesses)
     vec2 sides = max(extent.sides * (cell.texel.x * cell.count), vec2(1.0));
     float middle = cell.at.x * cell.count;
     float inverse = 1.0 / (extent.square * cell.count);
-    return ChainBoxes(0.5 * (sides.x + sides.y), sides.y, floor(middle - accesses + 0.5) + 0.5 - middle,
+    return ChainBoxes(0.5 * (sides.x + sides.y), sides.y, floor(middle - accesses + 0.5) + (0.5 - middle),
                       vec2(extent.square, extent.lean * cell.lines * cell.texel.y) * inverse);
 }
 

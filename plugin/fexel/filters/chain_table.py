@@ -5,7 +5,7 @@ by the one whose footprints are most alike; a cell by one of its direction that 
 than finer.
 
 Layout:
-    0         where the directions are, from the image's record on; codes = first level + 16 levels + 256 octaves; width
+    0         where the directions are, from the image's record on; codes = first level + 16 log2 of how many levels + 256 octaves; width
               and height of the page
     then per long axis, x and y, and shear in quarters from -4 to 4, of the direction that serves it: shear; where its
               cells are, from the first of these texels on; fewest octaves; 1 where its long axis is x, else 0
@@ -31,7 +31,7 @@ __all__ = ["MOST_LEVELS", "PLAIN", "Cells", "chain_table"]
 PLAIN = (0, 3)
 """Directions that move nothing: of these the image itself is the chain of 0 octaves."""
 
-MOST_LEVELS = 15
+MOST_LEVELS = 16
 """Levels that a table can have; the coarsest stands for those beyond."""
 
 _SLANTS = tuple(Direction(axis, quarters / 4) for axis in (0, 1) for quarters in range(-4, 5))
@@ -76,7 +76,8 @@ def chain_table(cells: Mapping[int, Cells], first: int, page: tuple[int, int], f
     octaves = np.arange(max(int(each.octaves.max()) for each in cells.values()) + 1)
     lowest = min(int(each.level.min()) for each in cells.values())
     highest = max(int(each.level.max()) for each in cells.values())
-    levels = np.arange(lowest, min(highest, lowest + MOST_LEVELS - 1) + 1)
+    bits = int(min(highest - lowest, MOST_LEVELS - 1)).bit_length()  # the shader multiplies by a shift
+    levels = np.arange(lowest, lowest + (1 << bits))
     row = len(octaves) * len(levels)
     order = sorted(cells, key=lambda direction: (direction not in PLAIN, direction))
     start = {direction: len(_SLANTS) + len(facts) + row * number for number, direction in enumerate(order)}
@@ -85,7 +86,7 @@ def chain_table(cells: Mapping[int, Cells], first: int, page: tuple[int, int], f
         (DIRECTIONS[used].shear, start[used], int(cells[used].octaves.min()), DIRECTIONS[used].long_axis == 0)
         for used in serving
     ]
-    head = [first + 1, lowest + 16 * len(levels) + 256 * (len(octaves) - 1), *page]
+    head = [first + 1, lowest + 16 * bits + 256 * (len(octaves) - 1), *page]
     return np.concatenate([[head], directions, facts, *(_row(cells[each], octaves, levels) for each in order)])
 
 
