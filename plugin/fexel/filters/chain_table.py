@@ -5,8 +5,8 @@ by the one whose footprints are most alike; a cell by one of its direction that 
 than finer.
 
 Layout:
-    0         where the directions are, from the image's record on; codes = first level + 16 log2 of how many levels + 256 octaves; width
-              and height of the page
+    0         where the directions are, from the image's record on; codes = first level + 16 log2 levels + 256 octaves;
+              width and height of the page
     then per long axis, x and y, and shear in quarters from -4 to 4, of the direction that serves it: shear; where its
               cells are, from the first of these texels on; fewest octaves; 1 where its long axis is x, else 0
     then whatever else a filter knows of the image
