@@ -383,9 +383,9 @@ def test_any_size_of_image(folder, shape):
         (["drop.svg", "--seed", "-1"], "--seed: -1, expected a number that is not negative"),
         (["drop.svg", "--jobs", "0"], "--jobs: 0, expected at least 1"),
         (["drop.svg", "--report", "nowhere/r.json"], "nowhere/r.json: the folder nowhere does not exist"),
-        (["drop.svg", "--report", "drop.svg"], "drop.svg: is an image or drawing to read"),
+        (["drop.svg", "--report", "drop.svg"], "drop.svg: is an input or another output"),
         (["drop.svg", "--sheet", "s.jpg"], "s.jpg: the sheet is a '.jpg', expected a .png"),
-        (["blob.png", "--sheet", "blob.png"], "blob.png: is an image or drawing to read"),
+        (["blob.png", "--sheet", "blob.png"], "blob.png: is an input or another output"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_is_refused_in_one_line_and_nothing_is_written(folder, arguments, expected):

@@ -226,8 +226,8 @@ def test_max_error_rejects_with_the_residual(series_files, tmp_path):
         ({"options": ZipmapOptions(jobs=-1)}, "--jobs"),
         ({"report": "gone/r.json"}, "does not exist"),
         ({"report": "photos"}, "photos: is a folder"),
-        ({"report": "./out.usda"}, "an image or drawing to read, or another output"),
-        ({"report": "photos/whole.png"}, "an image or drawing to read, or another output"),
+        ({"report": "./out.usda"}, "an input or another output"),
+        ({"report": "photos/whole.png"}, "an input or another output"),
     ],
 )
 def test_wrong_input_is_an_error_before_any_work(series_files, tmp_path, change, message, monkeypatch):

@@ -92,9 +92,7 @@ def check_report(file: str | Path, others: Iterable[str | Path] = (), what: str 
     if not os.access(path.parent, os.W_OK | os.X_OK):
         raise FexelError(f"{file}: the folder {path.parent} cannot be written to")
     if any(path.resolve() == Path(other).resolve() for other in others):
-        raise FexelError(
-            f"{file}: is an image or drawing to read, or another output, expected another file for the {what}"
-        )
+        raise FexelError(f"{file}: is an input or another output of this run, expected another file for the {what}")
 
 
 def write_report(report: ZipmapReport, file: str | Path) -> None:
