@@ -6,7 +6,7 @@
 // wide along the axis that is moved, and 2^octaves longer along the other one, the long axis. Vectors of what is moved have
 // the long axis first; places are in periods of the cell, or parts of it where it does not repeat.
 //
-// Defines: IMAGE_ACCESSES bilinear accesses of a lookup; IMAGE_WRAPS, IMAGE_ENDS, IMAGE_MIRROR 1 where any image repeats along
+// Defines: IMAGE_ACCESSES bilinear accesses of a lookup; IMAGE_GAUSS 1 where pixels are Gaussians; IMAGE_WRAPS, IMAGE_ENDS, IMAGE_MIRROR 1 where any image repeats along
 // an axis, ends there, or is mirrored. The table of an image is described in fexel/filters/chain_table.py.
 #if defined(IMAGE_LEVELS) && IMAGE_CHAINS
 
@@ -18,7 +18,13 @@ const float CHAIN_RAMP = 0.5;
 const float CHAIN_SLACK = 0.25;
 const float CHAIN_EQUAL = 1.0001;
 const float CHAIN_FLOOR = 1e-30;
-const int CHAIN_SLANTS = 18;        // per long axis the shears from -1 to 1 by quarters
+// Of 1 in the shears that the table has: from -1 to 1, per long axis.
+#if IMAGE_GAUSS
+const int CHAIN_STEPS = 16;
+#else
+const int CHAIN_STEPS = 4;
+#endif
+const int CHAIN_SLANTS = 2 * (2 * CHAIN_STEPS + 1);
 
 // Rows of the Jacobian in texels of level 0, x right and y down (how much x and y change per pixel along x and y), their
 // squares and product, and the area of the footprint.
@@ -102,11 +108,11 @@ ChainExtent chain_plain(Image image, ChainRows rows, bool alongX)
     return ChainExtent(chain_sides(rows, alongX), square, rows.xy, 0.0, alongX, int(image.table.x) + CHAIN_SLANTS + (alongX ? 0 : row), 0);
 }
 
-// quarters: 4 times the shear that is asked for.
-ChainExtent chain_extent(Image image, ChainRows rows, bool alongX, int quarters)
+// steps: CHAIN_STEPS times the shear that is asked for.
+ChainExtent chain_extent(Image image, ChainRows rows, bool alongX, int steps)
 {
     int table = int(image.table.x);
-    vec4 entry = record_fetch(table + (alongX ? 4 : 13) + quarters);
+    vec4 entry = record_fetch(table + (alongX ? CHAIN_STEPS : 3 * CHAIN_STEPS + 1) + steps);
     alongX = entry.w > 0.0;
     float square = max(alongX ? rows.xx : rows.yy, CHAIN_FLOOR);
     return ChainExtent(chain_sides(rows, alongX), square, rows.xy + entry.x * square, entry.x, alongX, table + int(entry.y), int(entry.z));

@@ -1,5 +1,6 @@
 // Fipmap (Bornik and Ferko 2002, section 3.2): per pixel the direction whose chains have the footprint's long side along an
-// axis. Twin of fexel/filters/fipmap.py, which says why. Included by image.glsl. Provides filter_fipmap, fipmap_sample.
+// axis. Twin of fexel/filters/fipmap.py, which says why. Included by image.glsl. Provides filter_fipmap
+// (where pixels are boxes; else filter_fipmap_gauss.glsl does), fipmap_sample.
 #if defined(IMAGE_LEVELS) && (IMAGE_FILTER_FIPMAP || IMAGE_FILTER_AUTO)
 
 const float FIPMAP_COMPACT = 1.125;
@@ -72,7 +73,7 @@ vec4 fipmap_sample(Image image, vec2 uv, vec2 dx, vec2 dy, float accesses, out f
     level = compact ? ownLevel : level;
     lod = float(level);
 
-    ChainExtent extent = chain_extent(image, rows, compact || alongX, quarters);
+    ChainExtent extent = chain_extent(image, rows, compact || alongX, quarters * (CHAIN_STEPS / 4));
     ChainCell cell = chain_cell(image, uv, extent, octaves, level);
     ChainBoxes boxes = chain_boxes(cell, extent, accesses);
     FipmapPoints points = fipmap_points(rows, root, major, minor, level, accesses);
@@ -101,8 +102,10 @@ vec4 fipmap_sample(Image image, vec2 uv, vec2 dx, vec2 dy, float accesses, out f
     return sum / total;
 }
 
+#if !IMAGE_GAUSS
 vec4 filter_fipmap(Image image, vec2 uv, vec2 dx, vec2 dy, float maxProbes, out float lod)
 {
     return fipmap_sample(image, uv, dx, dy, float(IMAGE_ACCESSES), lod);
 }
+#endif
 #endif

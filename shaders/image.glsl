@@ -5,7 +5,7 @@
 // Defines, without which there is nothing: IMAGE_SRGB, IMAGE_HALF pages that hold images; IMAGE_LEVELS 1 where each is seen at one mip level only, else 2;
 // IMAGE_PROBES 1 for anisotropic probes; IMAGE_WRAPS 0 where all clamp; IMAGE_ENDS, IMAGE_MIRROR 1 where any
 // image ends along an axis, or is mirrored;
-// IMAGE_FILTER_<TOKEN> 1 for every filter that there is among the images; see also the filters' own files.
+// IMAGE_GAUSS 1 where fipmaps show Gaussians, not boxes; IMAGE_FILTER_<TOKEN> 1 for every filter that there is among the images; see also the filters' own files.
 //
 // Record, written by fexel/textures/image_view.py:
 //   0  width and height of level 0; codes = finest + 16 coarsest level + 256 page class + 1024 wrap mode along s + 4096 along t
@@ -125,6 +125,7 @@ vec4 image_at_level(Image image, vec2 uv, float level)
 #include "filter_chains.glsl"
 #include "filter_ripmap.glsl"
 #include "filter_fipmap.glsl"
+#include "filter_fipmap_gauss.glsl"
 #include "filter_ewa.glsl"
 #include "filter_auto.glsl"
 

@@ -10,9 +10,8 @@ from fexel import images
 from fexel.errors import FexelWarning
 from fexel.filters import chain_build
 from fexel.filters.chain import Chain
-from fexel.filters.chain_layout import ChainLayout
+from fexel.filters.chain_layout import SHORT_BLUR, ChainLayout
 from fexel.filters.chain_texels import ChainTexels, cells
-from fexel.filters.sheared import SHORT_BLUR
 from fexel.filters.shears import DIRECTIONS
 from fexel.textures.image_source import ImageSource
 from fexel.textures.page_format import HALF, SRGB

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from fexel.filters import chain_build, sheared
-from fexel.filters.chain_layout import ChainLayout
+from fexel.filters import chain_build
+from fexel.filters.chain_layout import SHORT_BLUR, ChainLayout
 from fexel.filters.chain_texels import cells
 from fexel.filters.sheared import moved_lines
 from fexel.filters.shears import DIRECTIONS
@@ -82,7 +82,7 @@ def test_stripes_of_a_tangent_stand_upright_in_the_chain_of_its_direction(tangen
     for octaves in range(2, 8):
         texels = made[layout.cell(octaves, 0)][1:-1, 1:-1, 0]
         contrast = texels.max() - texels.min()
-        assert contrast > 0.8 * 0.8 * (1 - 4 * sheared.SHORT_BLUR * np.sin(np.pi / 8) ** 2)
+        assert contrast > 0.8 * 0.8 * (1 - 4 * SHORT_BLUR * np.sin(np.pi / 8) ** 2)
     opposite = number_of(1, 1 / tangent) if steep else number_of(0, tangent)
     layout, made = cells(image, opposite, ("repeat", "repeat"))
     assert np.ptp(made[layout.cell(4, 0)][1:-1, 1:-1, 0]) < 0.05  # the wrong direction greys them

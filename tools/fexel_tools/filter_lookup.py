@@ -8,6 +8,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from fexel.filters import DEFAULT_KERNEL
 from fexel.filters.view import FilterView
 from fexel.renderer.program import ProgramCache
 from fexel.textures.image_source import ImageSource
@@ -51,6 +52,7 @@ def look_up(
     anisotropy: float = 8.0,
     seen: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]] | None = None,
     vectors: bool = False,
+    kernel: str = DEFAULT_KERNEL,
 ) -> Looked:
     """Look an image up, as shaders/image.glsl does.
 
@@ -67,8 +69,10 @@ def look_up(
     seen : Jacobians (K, P, 2, 2), low and high (K, 2), optional
         What is foreseen instead of the very lookups; see `FilterView.of`.
     vectors : bool
+    kernel : str
+        One of `fexel.filters.KERNELS`.
     """
-    pool = TexturePool(gl, memory_mb, anisotropy)
+    pool = TexturePool(gl, memory_mb, anisotropy, filter_kernel=kernel)
     pool.begin()
     width, height = pool.facts(pool.image(source, "/Image")).size
     uv = np.stack([xy[:, 0] / width, 1 - xy[:, 1] / height], axis=1)

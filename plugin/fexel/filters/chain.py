@@ -13,6 +13,7 @@ from collections.abc import Hashable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from fexel.filters.chain_layout import SHORT_BLUR
 from fexel.filters.shears import FINE_DIRECTIONS, Direction
 
 if TYPE_CHECKING:
@@ -37,6 +38,8 @@ class Chain:
         The image holds vectors (a normal map): every level is renormalised.
     reader : TexelReader, optional
         Of the image; default that of image files.
+    blur : float
+        Of its `fexel.filters.chain_layout.ChainLayout`.
     """
 
     image: Hashable
@@ -44,6 +47,7 @@ class Chain:
     octaves: int
     vectors: bool = False
     reader: TexelReader | None = field(default=None, compare=False, repr=False)
+    blur: float = SHORT_BLUR
 
     def size(self, width: int, height: int, repeats: tuple[bool, bool]) -> tuple[int, int]:
         """Width and height of level 0, of an image of `width` by `height` that repeats along x, y or not.

@@ -151,7 +151,7 @@ def _sheared(read: Callable[[int, int], _Lines], layout: ChainLayout, first: int
         lines = moved_lines(read(*needs[0]), needs[0][0], layout)
         for size, (start, _) in zip(sizes, needs[1:], strict=True):
             lines = halve_axis(lines, 0, size, start)
-    return blurred_lines(lines, layout.moved_wrap)
+    return blurred_lines(lines, layout.moved_wrap, layout.blur)
 
 
 def _slices(lines: _Lines) -> Callable[[int, int], _Lines]:

@@ -8,7 +8,6 @@ import os
 
 from fexel.errors import FexelError
 from fexel.filters.chain_layout import ChainLayout
-from fexel.filters.sheared import SHORT_BLUR
 from fexel.packages import local_file
 from fexel.textures.image_source import ImageSource
 from fexel.textures.pyramid_cache import ImageFacts
@@ -36,7 +35,7 @@ def chain_key(source: ImageSource, facts: ImageFacts, layout: ChainLayout, vecto
         return None
     done = (
         FORMAT_VERSION,
-        *(source.color_space, source.scale, source.bias, facts.page_class, vectors, SHORT_BLUR),
+        *(source.color_space, source.scale, source.bias, facts.page_class, vectors, layout.blur),
         *(layout.direction.long_axis, layout.direction.shear, layout.size, layout.image_wrap, layout.octaves),
     )
     return hashlib.sha256(b"".join(files) + repr(done).encode()).digest()

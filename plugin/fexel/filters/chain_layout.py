@@ -16,7 +16,13 @@ from numpy.typing import NDArray
 from fexel import mipmaps
 from fexel.filters.shears import FINE_DIRECTIONS, Direction
 
-__all__ = ["ChainLayout"]
+__all__ = ["GAUSS_BLUR", "SHORT_BLUR", "ChainLayout"]
+
+SHORT_BLUR = 0.09
+"""Share of either neighbour in `fexel.filters.sheared.blurred_lines`, of chains that show the mean over a pixel."""
+
+GAUSS_BLUR = 0.2
+"""And of those that show a Gaussian of half a pixel's standard deviation, which is wider."""
 
 _CYCLIC = ("repeat", "mirror")
 
@@ -34,20 +40,28 @@ class ChainLayout:
         Resolved wrap modes of the image: ``repeat``, ``mirror``, ``clamp``, ``black`` or ``patch``.
     octaves : int
         Fewest octaves of a chain.
+    blur : float
+        Share of either neighbour of a texel along the moved axis.
     """
 
     direction: Direction
     size: tuple[int, int]
     image_wrap: tuple[str, str]
     octaves: int
+    blur: float = SHORT_BLUR
 
     @classmethod
     def of(
-        cls, direction: int, size: tuple[int, int], wrap: tuple[str, str], octaves: int | None = None
+        cls,
+        direction: int,
+        size: tuple[int, int],
+        wrap: tuple[str, str],
+        octaves: int | None = None,
+        blur: float = SHORT_BLUR,
     ) -> ChainLayout:
         """By number of the direction; with chains of fewer octaves than such a direction has, if that is wanted."""
         fewest = FINE_DIRECTIONS[direction].octaves
-        return cls(FINE_DIRECTIONS[direction], size, wrap, fewest if octaves is None else min(octaves, fewest))
+        return cls(FINE_DIRECTIONS[direction], size, wrap, fewest if octaves is None else min(octaves, fewest), blur)
 
     @property
     def mirrored(self) -> tuple[bool, bool]:

@@ -7,8 +7,9 @@ than finer.
 Layout:
     0         where the directions are, from the image's record on; codes = first level + 16 log2 levels + 256 octaves;
               width and height of the page
-    then per long axis, x and y, and shear in quarters from -4 to 4, of the direction that serves it: shear; where its
-              cells are, from the first of these texels on; fewest octaves; 1 where its long axis is x, else 0
+    then per long axis, x and y, and shear from -1 to 1 in steps of a quarter (of a sixteenth where pixels are
+              Gaussians), of the direction that serves it: shear; where its cells are, from the first of these texels
+              on; fewest octaves; 1 where its long axis is x, else 0
     then whatever else a filter knows of the image
     then the cells of each direction that there is, `PLAIN` ones first, levels within octaves from 0 on: page
               coordinates of a period, or of all of the cell where it does not repeat, along the long axis and along the
@@ -17,16 +18,15 @@ Layout:
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fexel.filters.shears import DIRECTIONS, Direction
+from fexel.filters.shears import FINE_DIRECTIONS
 
-__all__ = ["MOST_LEVELS", "PLAIN", "Cells", "chain_table"]
+__all__ = ["FINE_STEPS", "MOST_LEVELS", "PLAIN", "STEPS", "Cells", "chain_table"]
 
 PLAIN = (0, 3)
 """Directions that move nothing: of these the image itself is the chain of 0 octaves."""
@@ -34,7 +34,11 @@ PLAIN = (0, 3)
 MOST_LEVELS = 16
 """Levels that a table can have; the coarsest stands for those beyond."""
 
-_SLANTS = tuple(Direction(axis, quarters / 4) for axis in (0, 1) for quarters in range(-4, 5))
+STEPS, FINE_STEPS = 4, 16
+"""Of 1 in the shears of a table: of `DIRECTIONS`, and of `FINE_DIRECTIONS`."""
+
+_AXES = np.array([direction.long_axis for direction in FINE_DIRECTIONS])
+_SHEARS = np.array([direction.shear for direction in FINE_DIRECTIONS])
 _FINER = 8.0  # what a cell that is an octave finer than asked for costs, over one that is as much coarser
 
 
@@ -55,7 +59,9 @@ class Cells:
     place: NDArray[np.float64]
 
 
-def chain_table(cells: Mapping[int, Cells], first: int, page: tuple[int, int], facts: NDArray) -> NDArray[np.float64]:
+def chain_table(
+    cells: Mapping[int, Cells], first: int, page: tuple[int, int], facts: NDArray, steps: int = STEPS
+) -> NDArray[np.float64]:
     """The table of an image.
 
     Parameters
@@ -68,6 +74,8 @@ def chain_table(cells: Mapping[int, Cells], first: int, page: tuple[int, int], f
         Width and height of the page.
     facts : (F, 4)
         What a filter knows of the image.
+    steps : int
+        `STEPS` or `FINE_STEPS`.
 
     Returns
     -------
@@ -80,11 +88,10 @@ def chain_table(cells: Mapping[int, Cells], first: int, page: tuple[int, int], f
     levels = np.arange(lowest, lowest + (1 << bits))
     row = len(octaves) * len(levels)
     order = sorted(cells, key=lambda direction: (direction not in PLAIN, direction))
-    start = {direction: len(_SLANTS) + len(facts) + row * number for number, direction in enumerate(order)}
-    serving = [_most_alike(slant, list(cells)) for slant in _SLANTS]
+    serving = _most_alike(np.array(order), steps)
+    start = {direction: len(serving) + len(facts) + row * number for number, direction in enumerate(order)}
     directions = [
-        (DIRECTIONS[used].shear, start[used], int(cells[used].octaves.min()), DIRECTIONS[used].long_axis == 0)
-        for used in serving
+        (_SHEARS[used], start[used], int(cells[used].octaves.min()), _AXES[used] == 0) for used in serving.tolist()
     ]
     head = [first + 1, lowest + 16 * bits + 256 * (len(octaves) - 1), *page]
     return np.concatenate([[head], directions, facts, *(_row(cells[each], octaves, levels) for each in order)])
@@ -98,13 +105,18 @@ def _row(cells: Cells, octaves: NDArray[np.int64], levels: NDArray[np.int64]) ->
     return cells.place[np.where(off > 0, off, -_FINER * off).sum(axis=0).argmin(axis=1)]
 
 
-def _most_alike(slant: Direction, among: list[int]) -> int:
-    """The direction whose footprints include the least angle with those of `slant`; of equals one of its long axis."""
-    off = [abs(math.sin(_angle(DIRECTIONS[each]) - _angle(slant))) for each in among]
-    other_axis = [DIRECTIONS[each].long_axis != slant.long_axis for each in among]
-    return min(zip(np.round(off, 6), other_axis, among, strict=True))[2]
+def _most_alike(among: NDArray[np.int64], steps: int) -> NDArray[np.int64]:
+    """Of every slant of a table the direction whose footprints include the least angle with its.
+
+    Of equals one of its long axis, else the first.
+    """
+    axis = np.repeat([0, 1], 2 * steps + 1)
+    shear = np.tile(np.arange(-steps, steps + 1) / steps, 2)
+    angle = _angles(_AXES[among], _SHEARS[among]) - _angles(axis, shear)[:, None]
+    off = np.round(np.abs(np.sin(angle)), 6) + 1e-7 * (_AXES[among] != axis[:, None])  # less than what is rounded off
+    return among[np.argmin(off + 1e-10 * among, axis=1)]
 
 
-def _angle(slant: Direction) -> float:
+def _angles(axis: NDArray[np.int64], shear: NDArray[np.float64]) -> NDArray[np.float64]:
     """Of the footprints that are brought onto the long axis, radians from x towards y."""
-    return math.atan2(-slant.shear, 1.0) if slant.long_axis == 0 else math.atan2(1.0, -slant.shear)
+    return np.where(axis == 0, np.arctan(-shear), np.arctan2(1.0, -shear))

@@ -22,7 +22,7 @@ from fexel.filters.chain_cache import (
     find_chains,
 )
 from fexel.filters.chain_key import chain_key
-from fexel.filters.chain_layout import ChainLayout
+from fexel.filters.chain_layout import SHORT_BLUR, ChainLayout
 from fexel.filters.unit_vectors import unit_vectors
 from fexel.textures.atlas import Box
 from fexel.textures.image_source import BIAS_ZERO, SCALE_ONE, ImageSource
@@ -82,7 +82,7 @@ class ChainTexels:
     def _layout(self, chain: Chain, path: str) -> tuple[ImageFacts, ChainLayout]:
         """Facts of the image, and what chains there are."""
         facts = self._reader(chain).facts(chain.image, path)
-        return facts, ChainLayout.of(chain.direction, facts.size, facts.wrap, chain.octaves)
+        return facts, ChainLayout.of(chain.direction, facts.size, facts.wrap, chain.octaves, chain.blur)
 
     def _foresee(self, chain: Chain, facts: ImageFacts, layout: ChainLayout) -> None:
         """What is on disk is found now; for what is not, the image will be read."""
@@ -155,7 +155,11 @@ class ChainTexels:
 
 
 def cells(
-    image: NDArray[np.float32], direction: int, wrap: tuple[str, str], vectors: bool = False
+    image: NDArray[np.float32],
+    direction: int,
+    wrap: tuple[str, str],
+    vectors: bool = False,
+    blur: float = SHORT_BLUR,
 ) -> tuple[ChainLayout, Cells]:
     """Chains of an image in memory, as floats.
 
@@ -168,8 +172,10 @@ def cells(
         Resolved wrap modes.
     vectors : bool
         rgb holds (v + 1) / 2 of unit vectors v.
+    blur : float
+        Of their `ChainLayout`.
     """
-    layout = ChainLayout.of(direction, (image.shape[1], image.shape[0]), wrap)
+    layout = ChainLayout.of(direction, (image.shape[1], image.shape[0]), wrap, blur=blur)
     made = layout.cells_in(np.empty((layout.total, 4), np.float32))
 
     def read(box: Box) -> NDArray[np.float32]:
@@ -180,7 +186,7 @@ def cells(
 
 
 def _name(chain: Chain, layout: ChainLayout) -> Hashable:
-    return ChainTexels, chain.image, chain.direction, chain.vectors, layout.octaves
+    return ChainTexels, chain.image, chain.direction, chain.vectors, layout.octaves, layout.blur
 
 
 def _dtype(facts: ImageFacts) -> np.dtype:

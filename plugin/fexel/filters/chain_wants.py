@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fexel.filters.lookup import usable
-from fexel.filters.shears import DIRECTIONS
+from fexel.filters.shears import DIRECTIONS, FINE_DIRECTIONS
 
 __all__ = ["Frame", "Wants", "cells_wanted"]
 
@@ -28,7 +28,7 @@ _FANS = [
         number
         for _, number in sorted(
             (each.shear, number)
-            for number, each in enumerate(DIRECTIONS)
+            for number, each in enumerate(FINE_DIRECTIONS)
             if each.long_axis == axis or abs(each.shear) == 1
         )
     ]
@@ -54,7 +54,7 @@ class Wants:
     coarsest: NDArray[np.int64]
 
 
-def cells_wanted(jacobian: NDArray[np.float64], chosen: Sequence[Callable]) -> Wants:
+def cells_wanted(jacobian: NDArray[np.float64], chosen: Sequence[Callable], directions: int = len(DIRECTIONS)) -> Wants:
     """Cells that pieces may show.
 
     Parameters
@@ -63,6 +63,8 @@ def cells_wanted(jacobian: NDArray[np.float64], chosen: Sequence[Callable]) -> W
         Texels of level 0 per pixel, y down, at P places of each of K pieces.
     chosen : sequence of callables
         From Jacobians (M, 2, 2) to a `fexel.filters.lookup.Choice`; what any of them takes is wanted.
+    directions : int
+        How many of `FINE_DIRECTIONS` they choose from, from the first on.
     """
     pieces, places = jacobian.shape[:2]
     jacobian = usable(jacobian.reshape(-1, 2, 2))
@@ -77,7 +79,7 @@ def cells_wanted(jacobian: NDArray[np.float64], chosen: Sequence[Callable]) -> W
     finest, coarsest = np.full(pieces, 64), np.zeros(pieces, np.int64)
     np.minimum.at(finest, piece, level)
     np.maximum.at(coarsest, piece, level)
-    piece, direction, octaves = np.nonzero(_named(piece, direction, octaves, pieces))
+    piece, direction, octaves = np.nonzero(_named(piece, direction, octaves, pieces)[:, :directions])
     return Wants(piece, direction, octaves, finest[piece], coarsest[piece])
 
 
@@ -90,14 +92,14 @@ def _named(
     Between two places some pixel may combine what is one's with what is the other's; were only what is named together
     there, it would read what lies beside a window.
     """
-    directed = np.zeros((pieces, len(DIRECTIONS)), bool)
+    directed = np.zeros((pieces, len(FINE_DIRECTIONS)), bool)
     lengthened = np.zeros((pieces, octaves.max(initial=0) + 1), bool)
     lengthened[piece, octaves] = True
     lengthened[:, 1:] = _between(lengthened[:, 1:])
     directed[piece[octaves > 0], direction[octaves > 0]] = True
     for along in _FANS:
         directed[:, along] |= _between(directed[:, along])
-    fewest = np.array([each.octaves for each in DIRECTIONS])[:, None]
+    fewest = np.array([each.octaves for each in FINE_DIRECTIONS])[:, None]
     wanted = directed[:, :, None] & lengthened[:, None] & (np.arange(lengthened.shape[1]) >= fewest)
     wanted[:, 0, 0] = lengthened[:, 0]
     return wanted
@@ -128,7 +130,7 @@ class Frame:
     @property
     def long_axis(self) -> int:
         """0: x, 1: y."""
-        return DIRECTIONS[self.direction].long_axis
+        return FINE_DIRECTIONS[self.direction].long_axis
 
     def period(self, axis: int) -> int:
         """Texels after which the image repeats along an axis; 0 where it does not."""
@@ -138,7 +140,7 @@ class Frame:
     def _padding(self) -> tuple[int, int]:
         if self.period(1 - self.long_axis):
             return 0, 0
-        return DIRECTIONS[self.direction].padding(self.period(self.long_axis) or self.size[self.long_axis])
+        return FINE_DIRECTIONS[self.direction].padding(self.period(self.long_axis) or self.size[self.long_axis])
 
     @property
     def extent(self) -> NDArray[np.float64]:
@@ -168,7 +170,7 @@ class Frame:
         along = self._within(low[:, long], high[:, long], long)
         # Where the box crosses a seam of the long axis, what is moved may be anywhere.
         across = (along[0] < 0) | (along[1] > extent[long])
-        shear = DIRECTIONS[self.direction].shear
+        shear = FINE_DIRECTIONS[self.direction].shear
         shifts = np.stack([shear * (along[0] - 0.5), shear * (along[1] - 0.5)])
         begin = low[:, moved] + shifts.min(axis=0) + self._padding[0]
         end = high[:, moved] + shifts.max(axis=0) + self._padding[0]

@@ -38,13 +38,16 @@ from fexel.filters.lookup import (
 from fexel.filters.shears import FINE_DIRECTIONS
 from fexel.textures.footprint import Footprint
 
-__all__ = ["GAUSS_PROBES", "PROBES", "Choice", "Taps", "choose", "taps", "usable"]
+__all__ = ["GAUSS_PROBES", "GAUSS_REACH", "PROBES", "Choice", "Taps", "choose", "taps", "usable"]
 
 PROBES = 4
 """Bilinear accesses along the long axis by default."""
 
 GAUSS_PROBES = 5
 """Accesses along the long axis that a Gaussian takes by default."""
+
+GAUSS_REACH = 2.2
+"""Pixels from its centre, at most, that a Gaussian is read: 10 boxes of up to 2 / `GAUSS_PROBES`, and half a one."""
 
 COMPACT = 1.125
 """Texels of its level, per access, below which a footprint is taken from the image's own mip levels."""

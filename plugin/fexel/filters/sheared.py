@@ -16,13 +16,10 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from fexel.filters.chain_layout import ChainLayout
+from fexel.filters.chain_layout import SHORT_BLUR, ChainLayout
 from fexel.textures.page_texels import texel_items
 
-__all__ = ["SHORT_BLUR", "blurred_lines", "can_group", "move_line", "moved_groups", "moved_lines"]
-
-SHORT_BLUR = 0.09
-"""Share of either neighbour in `blurred_lines`."""
+__all__ = ["blurred_lines", "can_group", "move_line", "moved_groups", "moved_lines"]
 
 _REACH = 16  # texels to either side
 _BLOCK = 16
@@ -134,8 +131,8 @@ def _add(total: NDArray[np.float32], lines: NDArray[np.float32], start: int, wra
         total[:, start + texels :] += lines[:, -1:]
 
 
-def blurred_lines(lines: NDArray[np.float32], wrap: str) -> NDArray[np.float32]:
-    """Lines, blurred a little along themselves.
+def blurred_lines(lines: NDArray[np.float32], wrap: str, blur: float = SHORT_BLUR) -> NDArray[np.float32]:
+    """Lines, blurred a little along themselves: `blur` is the share of either neighbour.
 
     A chain is read where a pixel is at least a texel wide, by bilinear accesses that are narrower than that: the
     rest of the pixel's width is made up for beforehand, at no cost to the lookup.
@@ -146,8 +143,8 @@ def blurred_lines(lines: NDArray[np.float32], wrap: str) -> NDArray[np.float32]:
     texels = lines.shape[1]
     blurred[:, 0] = ends[0] + (lines[:, 1] if texels > 1 else ends[1])
     blurred[:, -1] = ends[1] + (lines[:, -2] if texels > 1 else ends[0])
-    blurred *= np.float32(SHORT_BLUR)
-    blurred += np.float32(1 - 2 * SHORT_BLUR) * lines
+    blurred *= np.float32(blur)
+    blurred += np.float32(1 - 2 * blur) * lines
     return blurred
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from fexel import mipmaps
 from fexel.errors import FexelError
 from fexel.filters import FILTERS, anisotropic, auto, ewa, fipmap, mipmap, ripmap
-from fexel.filters.chain_layout import ChainLayout
+from fexel.filters.chain_layout import GAUSS_BLUR, SHORT_BLUR, ChainLayout
 from fexel.filters.chain_texels import Cells, cells
 from fexel.filters.lookup import Choice, Taps
 from fexel.textures.pinchmap_lattice import trilinear
@@ -39,7 +39,7 @@ class FilterTwin:
         self.image = np.asarray(image, np.float32)
         self.wrap = wrap
         self._vectors = vectors
-        self._chains: dict[int, tuple[ChainLayout, Cells]] = {}
+        self._chains: dict[tuple[int, float], tuple[ChainLayout, Cells]] = {}
 
     @cached_property
     def levels(self) -> list[NDArray[np.float32]]:
@@ -104,10 +104,14 @@ class FilterTwin:
     def _fipmap(self, xy: _Floats, jacobian: _Floats, probes: int | None = None, gauss: bool = False) -> _Result:
         probes = probes or (fipmap.GAUSS_PROBES if gauss else fipmap.PROBES)
         choice = fipmap.choose(jacobian, probes, gauss=gauss)
-        return self.look_up(choice, fipmap.taps(choice, xy, jacobian, probes=probes, gauss=gauss, **self._shape))
+        taps = fipmap.taps(choice, xy, jacobian, probes=probes, gauss=gauss, **self._shape)
+        return self.look_up(choice, taps, GAUSS_BLUR if gauss else SHORT_BLUR)
 
-    def look_up(self, choice: Choice, taps: Taps) -> _Result:
-        """The accesses of pixels, weighted, (M, 4), and texels fetched, (M,), those of no weight included."""
+    def look_up(self, choice: Choice, taps: Taps, blur: float = SHORT_BLUR) -> _Result:
+        """The accesses of pixels, weighted, (M, 4), and texels fetched, (M,), those of no weight included.
+
+        `blur` is that of the chains, see `ChainLayout`.
+        """
         values = np.zeros((len(taps.at), 4))
         keys = np.stack([np.where(choice.octaves > 0, choice.direction, -1), choice.octaves, choice.level], 1)
         for key in np.unique(keys, axis=0):
@@ -115,16 +119,16 @@ class FilterTwin:
             for tap in range(taps.weight.shape[1]):
                 used = pixels[taps.weight[pixels, tap] > 0]
                 if len(used):
-                    values[used] += taps.weight[used, tap, None] * self._access(*key, taps.at[used, tap])
+                    values[used] += taps.weight[used, tap, None] * self._access(*key, blur, taps.at[used, tap])
         return values, np.full(len(values), 4 * taps.weight.shape[1])
 
-    def _access(self, direction: int, octaves: int, level: int, at: _Floats) -> _Floats:
+    def _access(self, direction: int, octaves: int, level: int, blur: float, at: _Floats) -> _Floats:
         if octaves == 0:
             st = np.stack([at[:, 0] / self.image.shape[1], 1 - at[:, 1] / self.image.shape[0]], 1)
             return trilinear(self.levels, st, np.full(len(at), float(level)), self.own_wrap)
-        if direction not in self._chains:
-            self._chains[direction] = cells(self.image, direction, self.wrap, self._vectors)
-        layout, chains = self._chains[direction]
+        if (direction, blur) not in self._chains:
+            self._chains[direction, blur] = cells(self.image, direction, self.wrap, self._vectors, blur)
+        layout, chains = self._chains[direction, blur]
         cell = layout.cell(octaves, level)
         return _bordered(chains[cell], _place(layout, cell, at))
 

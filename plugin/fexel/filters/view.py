@@ -19,9 +19,11 @@ from numpy.typing import NDArray
 from fexel.errors import FexelWarning
 from fexel.filters import FILTERS, ewa, fipmap, ripmap
 from fexel.filters.chain import Chain
-from fexel.filters.chain_table import chain_table
+from fexel.filters.chain_layout import GAUSS_BLUR, SHORT_BLUR
+from fexel.filters.chain_table import FINE_STEPS, STEPS, chain_table
 from fexel.filters.chain_wants import cells_wanted
 from fexel.filters.lookup import Choice, usable
+from fexel.filters.shears import DIRECTIONS, FINE_DIRECTIONS
 from fexel.filters.view_parts import Part, chain_part, own_part, page_of, resident_cells
 from fexel.textures.footprint import Footprint
 from fexel.textures.image_view import ImageView
@@ -105,11 +107,15 @@ class FilterView:
         window = np.asarray(low, np.float64), np.asarray(high, np.float64)
         parts = []
         if token in CHAINED:
-            wants = cells_wanted(jacobian, _choices(token))
+            is_gauss = token == "fipmap" and pool.filter_kernel == "gauss"
+            directions, blur = (FINE_DIRECTIONS, GAUSS_BLUR) if is_gauss else (DIRECTIONS, SHORT_BLUR)
+            wants = cells_wanted(jacobian, _choices(token, is_gauss), len(directions))
+            if is_gauss:
+                window = _around(window, jacobian, pool.facts(number).size, fipmap.GAUSS_REACH)
             parts.append(own_part(pool, number, jacobian, wants, window))
             for direction, octaves in sorted(set(zip(wants.direction.tolist(), wants.octaves.tolist(), strict=True))):
                 if octaves:
-                    chain = Chain(source, direction, octaves, vectors, reader)
+                    chain = Chain(source, direction, octaves, vectors, reader, blur)
                     parts.append(chain_part(pool, chain, path, pool.facts(number), wants, window))
         if sum(part.nbytes(pool) for part in parts) > _MOST_OF_BUDGET * pool.budget:
             pool.reader(_Remembered).tell(path, token)
@@ -118,7 +124,7 @@ class FilterView:
             own = ImageView.of(pool, number, *_lods(token, jacobian, pool.anisotropy), bias, FILTERS.index(token))
             levels = np.full(len(jacobian), own.finest), np.full(len(jacobian), own.coarsest)
             if token == "ewa":
-                window = _around(window, jacobian, pool.facts(number).size)
+                window = _around(window, jacobian, pool.facts(number).size, ewa.REACH)
             parts.append(Part(number, 0, 0, levels, window))
         else:
             finest, coarsest = parts[0].levels
@@ -139,7 +145,8 @@ class FilterView:
         if self.token not in CHAINED:
             return record
         cells = resident_cells(self.parts, self.image, pool)
-        return np.concatenate([record, chain_table(cells, len(record), page_of(pool, self.image), self.facts)])
+        steps = FINE_STEPS if pool.filter_kernel == "gauss" else STEPS
+        return np.concatenate([record, chain_table(cells, len(record), page_of(pool, self.image), self.facts, steps)])
 
     def constants(self, pool: TexturePool, record: int) -> NDArray[np.float64]:
         """(2, 4) for image_flat of shaders/image.glsl, of the record that was appended at `record`."""
@@ -219,21 +226,26 @@ class _Remembered:
 
 
 def _around(
-    window: tuple[NDArray[np.float64], NDArray[np.float64]], jacobian: NDArray[np.float64], size: tuple[int, int]
+    window: tuple[NDArray[np.float64], NDArray[np.float64]],
+    jacobian: NDArray[np.float64],
+    size: tuple[int, int],
+    pixels: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Bounds of pieces as far as ellipses reach: further than the half pixel that they have around them."""
+    """Bounds of pieces as far as lookups reach, so many pixels; they have half a pixel around them."""
     extent = np.nan_to_num(np.abs(jacobian).sum(axis=3).max(axis=1), posinf=1e9)
-    reach = ((ewa.REACH - 0.5) * np.minimum(extent, 1e9) + 1.0) / size  # 1e9: as many texels as a lookup bears
+    reach = ((pixels - 0.5) * np.minimum(extent, 1e9) + 1.0) / size  # 1e9: as many texels as a lookup bears
     return window[0] - reach, window[1] + reach
 
 
-def _choices(token: str) -> list[Callable[[NDArray[np.float64]], Choice]]:
+def _choices(token: str, is_gauss: bool) -> list[Callable[[NDArray[np.float64]], Choice]]:
     """What pixels may choose by."""
     if token == "auto":
         from fexel.filters.losses import CANDIDATES
 
         chained = {candidate.probes for candidate in CANDIDATES if candidate.token == "fipmap"}
         return [partial(fipmap.choose, probes=probes) for probes in sorted(chained)]
+    if is_gauss:
+        return [partial(fipmap.choose, probes=fipmap.GAUSS_PROBES, gauss=True)]
     return [{"ripmap": ripmap, "fipmap": fipmap}[token].choose]
 
 

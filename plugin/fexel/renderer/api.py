@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fexel.errors import FexelError, FexelWarning
-from fexel.filters import checked_filter
+from fexel.filters import DEFAULT_KERNEL, checked_filter, checked_kernel
 from fexel.renderer.aov import checked_aovs
 from fexel.renderer.context import GLContext
 from fexel.renderer.frame import FrameRenderer, FrameSettings
@@ -47,6 +47,9 @@ class Renderer:
     filter : str, optional
         Minification filter of all textures, whatever their prims ask for: ``mipmap anisotropic ripmap fipmap``, or of
         this renderer alone ``ewa`` (slow reference) and ``auto`` (per pixel the cheapest that is good enough).
+    filter_kernel : str
+        What ``fipmap`` shows of a footprint: ``box``, the mean over a pixel, or ``gauss``, the mean weighted by a
+        Gaussian of a standard deviation of half a pixel, as ``ewa`` does; smoother, at 20 texels instead of 16.
 
     Raises
     ------
@@ -66,6 +69,7 @@ class Renderer:
         texture_memory_mb: float = DEFAULT_TEXTURE_MEMORY_MB,
         anisotropy: int = DEFAULT_ANISOTROPY,
         filter: str | None = None,
+        filter_kernel: str = DEFAULT_KERNEL,
     ) -> None:
         if not texture_memory_mb > 0.0:
             raise FexelError(f"texture memory: {texture_memory_mb} MB, expected more than 0")
@@ -73,6 +77,7 @@ class Renderer:
             raise FexelError(f"anisotropy: {anisotropy}, expected 1 to {MAX_ANISOTROPY}")
         self._options: dict[str, Any] = {"texture_memory_mb": float(texture_memory_mb), "anisotropy": int(anisotropy)}
         self._options["filter"] = None if filter is None else checked_filter(filter)
+        self._options["filter_kernel"] = checked_kernel(filter_kernel)
         self._context = GLContext()
         self._frames: FrameRenderer | None = None
         self._reader: tuple[tuple, SceneReader] | None = None
@@ -267,7 +272,7 @@ def render(stage: str | os.PathLike | Usd.Stage, **options: Any) -> dict[str, np
     >>> import fexel
     >>> images = fexel.render("stages/wall.usda", width=320, aovs=("color", "depth"))  # doctest: +SKIP
     """
-    own = ("texture_memory_mb", "anisotropy", "filter")
+    own = ("texture_memory_mb", "anisotropy", "filter", "filter_kernel")
     construction = {name: options.pop(name) for name in own if name in options}
     with Renderer(**construction) as renderer:
         return renderer.render(stage, **options)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from fexel.filters import DEFAULT_KERNEL
 from fexel.renderer.brdf_table import ggx_albedo
 from fexel.renderer.lighting import AnalyticLights, DomeTextures, analytic_lights, world_lights
 from fexel.renderer.mesh_buffers import MeshBuffers, MeshCache, rebased_buffers
@@ -51,11 +52,17 @@ class DrawState:
     """State of one context from draw to draw."""
 
     def __init__(
-        self, gl: moderngl.Context, *, texture_memory_mb: float, anisotropy: int, filter: str | None = None
+        self,
+        gl: moderngl.Context,
+        *,
+        texture_memory_mb: float,
+        anisotropy: int,
+        filter: str | None = None,
+        filter_kernel: str = DEFAULT_KERNEL,
     ) -> None:
         self._gl = gl
         self._texture_options: dict[str, Any] = {"memory_mb": texture_memory_mb, "anisotropy": anisotropy}
-        self._texture_options["filter"] = filter
+        self._texture_options |= {"filter": filter, "filter_kernel": filter_kernel}
         self.programs = ProgramCache(gl)
         self.meshes = MeshCache(gl)
         self._domes = DomeTextures(gl, self.programs)

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fexel.errors import FexelError
+from fexel.filters import DEFAULT_KERNEL
 from fexel.renderer.aov import AOVS, Aov, aov_defines, data_aovs
 from fexel.renderer.draw_state import DrawState
 from fexel.renderer.targets import DataTarget, Targets
@@ -103,11 +104,19 @@ class FrameRenderer:
     """Draws frames in one context, which must be current; keeps buffers, programs and textures between frames."""
 
     def __init__(
-        self, gl: moderngl.Context, *, texture_memory_mb: float, anisotropy: int, filter: str | None = None
+        self,
+        gl: moderngl.Context,
+        *,
+        texture_memory_mb: float,
+        anisotropy: int,
+        filter: str | None = None,
+        filter_kernel: str = DEFAULT_KERNEL,
     ) -> None:
         self._gl = gl
         self._targets = Targets(gl)
-        self.state = DrawState(gl, texture_memory_mb=texture_memory_mb, anisotropy=anisotropy, filter=filter)
+        self.state = DrawState(
+            gl, texture_memory_mb=texture_memory_mb, anisotropy=anisotropy, filter=filter, filter_kernel=filter_kernel
+        )
         self.stats = FrameStats()
 
     def draw(self, scene: Scene, settings: FrameSettings) -> dict[str, np.ndarray]:

@@ -14,6 +14,7 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 from fexel.errors import FexelError
+from fexel.filters import DEFAULT_KERNEL
 from fexel.renderer.aov import checked_aovs
 from fexel.renderer.api import DEFAULT_ANISOTROPY, DEFAULT_TEXTURE_MEMORY_MB, Renderer
 from fexel.renderer.encoding import ColorCorrection
@@ -54,6 +55,7 @@ class RecordOptions:
     texture_memory_mb: float = DEFAULT_TEXTURE_MEMORY_MB
     anisotropy: int = DEFAULT_ANISOTROPY
     filter: str | None = None
+    filter_kernel: str = DEFAULT_KERNEL
 
 
 @dataclass(frozen=True)
@@ -99,7 +101,10 @@ def record(
     files: list[Path] = []
     seconds_writing = 0.0
     with Renderer(
-        texture_memory_mb=options.texture_memory_mb, anisotropy=options.anisotropy, filter=options.filter
+        texture_memory_mb=options.texture_memory_mb,
+        anisotropy=options.anisotropy,
+        filter=options.filter,
+        filter_kernel=options.filter_kernel,
     ) as renderer:
         for number, planned in enumerate(images, start=1):
             arrays = renderer.render(stage, time=planned.time, **_render_options(planned.target, options))

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fexel.errors import FexelWarning
-from fexel.filters import DEFAULT_FILTER, checked_filter
+from fexel.filters import DEFAULT_FILTER, DEFAULT_KERNEL, checked_filter, checked_kernel
 from fexel.filters.chain import Chain
 from fexel.textures.atlas import Box, PageAtlas
 from fexel.textures.kept_texels import KeptTexels
@@ -65,9 +65,12 @@ class TexturePool:
         Most probes per lookup, >= 1.
     filter : str, optional
         One of `fexel.filters.FILTERS`, for all textures whatever they ask for.
+    filter_kernel : str
+        One of `fexel.filters.KERNELS`.
 
     Attributes
     ----------
+    filter_kernel : str
     atlases : tuple of PageAtlas
         By page class.
     records : RecordTexture
@@ -79,9 +82,17 @@ class TexturePool:
         After `load`.
     """
 
-    def __init__(self, gl: moderngl.Context, memory_mb: float, anisotropy: float, filter: str | None = None) -> None:
+    def __init__(
+        self,
+        gl: moderngl.Context,
+        memory_mb: float,
+        anisotropy: float,
+        filter: str | None = None,
+        filter_kernel: str = DEFAULT_KERNEL,
+    ) -> None:
         self._budget = max(int(memory_mb * 2**20), 0)
         self._filter = None if filter is None else checked_filter(filter)
+        self.filter_kernel = checked_kernel(filter_kernel)
         self.anisotropy = max(1.0, float(anisotropy))
         self.atlases = tuple(PageAtlas(gl, page_class) for page_class in range(len(PAGE_FORMATS)))
         self.records = RecordTexture(gl)

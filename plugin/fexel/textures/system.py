@@ -12,7 +12,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from fexel.filters import FILTERS
+from fexel.filters import DEFAULT_KERNEL, FILTERS
 from fexel.renderer.visible import VisibleSurface
 from fexel.scene.model import Texture
 from fexel.textures import gpu_half
@@ -52,12 +52,19 @@ class TextureSystem:
         Most probes per lookup, >= 1; 1 is plain trilinear filtering.
     filter : str, optional
         One of `fexel.filters.FILTERS`, for all textures whatever they ask for.
+    filter_kernel : str
+        One of `fexel.filters.KERNELS`.
     """
 
     def __init__(
-        self, gl: moderngl.Context, memory_mb: float = 512.0, anisotropy: float = 8.0, filter: str | None = None
+        self,
+        gl: moderngl.Context,
+        memory_mb: float = 512.0,
+        anisotropy: float = 8.0,
+        filter: str | None = None,
+        filter_kernel: str = DEFAULT_KERNEL,
     ) -> None:
-        self.pool = TexturePool(gl, memory_mb, anisotropy, filter)
+        self.pool = TexturePool(gl, memory_mb, anisotropy, filter, filter_kernel)
         self._room = (int(gl.info["GL_MAX_VERTEX_OUTPUT_COMPONENTS"]) - _MESH_COMPONENTS) // 4
         self._slots: dict[int, tuple[TextureRequest, Slot]] = {}
         self._seen_layers: set[tuple[str, str]] = set()

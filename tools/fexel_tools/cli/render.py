@@ -94,6 +94,10 @@ def _render(
             help="Of all textures: mipmap, anisotropic, ripmap, fipmap, ewa or auto [what each prim asks for].",
         ),
     ] = None,
+    filter_kernel: Annotated[
+        str,
+        _option("--filterKernel", metavar="KERNEL", help="What fipmap weights a pixel by: box or gauss [box]."),
+    ] = "box",
     anisotropy: Annotated[
         int, _option("--anisotropy", metavar="PROBES", help="Most probes of a lookup, 1 to 16 [8].")
     ] = 8,
@@ -137,6 +141,7 @@ def _render(
         texture_memory_mb=texture_memory,
         anisotropy=anisotropy,
         filter=texture_filter,
+        filter_kernel=filter_kernel,
     )
     with _progress() as progress:
         done = record(opened, image, options, progress)
