@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import warnings
 
 import numpy as np
 import OpenImageIO as oiio
@@ -163,6 +164,21 @@ def test_renderer_draws_every_texture_with_its_own_filter(tmp_path, rng, kind, f
     assert (images["fetches"][seen] >= 4).all() and (images["filter"][~seen] == -1).all()
     assert stats["filters"] == {filter: 1}
     json.dumps(stats)
+
+
+@pytest.mark.parametrize("filter", ["ripmap", "fipmap", "auto"])
+@pytest.mark.parametrize("kind", ["UsdUVTexture", "PinchmapTexture"])
+def test_filter_that_had_no_room_is_not_told_of(tmp_path, rng, kind, filter):
+    stage = look_askew(textured(tmp_path, rng, kind))
+    write_image(tmp_path / "image.png", rng.integers(0, 256, (1024, 1024, 3), dtype=np.uint8))
+    with Renderer(filter=filter, texture_memory_mb=0.25) as renderer:
+        with warnings.catch_warnings(record=True) as warned:  # that coarser levels are shown, too
+            warnings.simplefilter("always")
+            images = renderer.render(stage, width=64, height=64, aovs=("filter", "primId"))
+        assert any(f"no room for its {filter}; anisotropic is shown" in str(each.message) for each in warned)
+        assert renderer.stats()["textures"]["filters"] == {"anisotropic": 1}
+    seen = images["primId"] >= 0
+    assert seen.sum() > 100 and (images["filter"][seen] == FILTERS.index("anisotropic")).all()
 
 
 @pytest.mark.parametrize("own", ["mipmap", "anisotropic", None])

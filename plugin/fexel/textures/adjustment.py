@@ -1,4 +1,4 @@
-"""Contrast, brightness and attenuation of a material's textures: defines and uniforms of shaders/texture_adjust.glsl.
+"""What is done to filtered colours of a material's textures: defines and uniforms of shaders/texture_adjust.glsl.
 
 Values are uniforms, so that animating them compiles nothing; only which textures have any is compiled in.
 """
@@ -17,10 +17,11 @@ __all__ = ["adjustment"]
 _LARGEST_RATE = 1e30  # of attenuation per scene unit: a distance of 0 times infinity would be NaN
 
 
-def adjustment(asked: Sequence[Minification]) -> Part:
-    """Of textures by slot; nothing at all where none asks for any."""
+def adjustment(asked: Sequence[Minification], renormalised: Sequence[bool]) -> Part:
+    """Of textures by slot, and which of them are vectors that are made as long as 1; nothing where there are none."""
     defines: dict[str, int | str] = {}
-    for name, of_slot in (("TONED", [m.toned for m in asked]), ("ATTENUATED", [m.attenuates for m in asked])):
+    toned, attenuated = [m.toned for m in asked], [m.attenuates for m in asked]
+    for name, of_slot in (("TONED", toned), ("ATTENUATED", attenuated), ("RENORMALISED", renormalised)):
         if any(of_slot):
             defines[f"TEXTURE_{name}"] = sum(int(used) << slot for slot, used in enumerate(of_slot))
     if not defines:

@@ -48,7 +48,7 @@ class TextureBinding:
 
     def __init__(self, slots: Sequence[Slot], pool: TexturePool, room: int, asked: Sequence[Minification] = ()) -> None:
         self._pool = pool
-        self._main = _main_uniforms(slots, asked, pool)
+        self._main = _main_uniforms(slots) if asked else {}
         everything = list(_with_nested(slots))
         self._classes = sorted(frozenset().union(*(slot.page_classes for slot in everything)))
         nested = [slot for slot in everything if not any(slot is own for own in slots)]
@@ -61,7 +61,9 @@ class TextureBinding:
             parts[kind] = part
             parts[kind].defines[f"{kind.upper()}_FLAT"] = sum(map(len, constants))
             constants.append(part.constants)
-        parts["material"] = adjustment(asked)
+        filtered = [pool.is_filtered(each.filter) for each in asked]
+        renormalised = [of.vectors and is_filtered for of, is_filtered in zip(slots, filtered, strict=False)]
+        parts["material"] = adjustment(asked, renormalised)
         self._parts = list(parts.values())
         self._constants = np.concatenate(constants)
         # A kind that nests others calls their functions: those come first.
@@ -113,14 +115,12 @@ def _numbers(slots: Sequence[Slot]) -> dict[str, int | str]:
     return {f"TEXTURE{number}_NUMBER": kinds[:number].count(kind) for number, kind in enumerate(kinds)}
 
 
-def _main_uniforms(slots: Sequence[Slot], asked: Sequence[Minification], pool: TexturePool) -> dict[str, NDArray]:
+def _main_uniforms(slots: Sequence[Slot]) -> dict[str, NDArray]:
     """What the AOVs of the main texture need, that of slot 0; see shaders/mesh_aovs.glsl."""
-    if not asked:
-        return {}
     to_texels = np.eye(3) if slots[0].local_to_texels is None else slots[0].local_to_texels
-    token = pool.filter(asked[0].filter)
-    used = FILTERS.index(_CHEAPEST if token == "auto" else token)  # a lookup tells what else `auto` takes
-    return {"mainTexels": np.pad(to_texels.T, ((0, 0), (0, 1))), "mainFilter": np.array([[float(used)]])}
+    token = _CHEAPEST if slots[0].filter == "auto" else slots[0].filter  # a lookup tells what else `auto` takes
+    used = np.array([[float(FILTERS.index(token))]])
+    return {"mainTexels": np.pad(to_texels.T, ((0, 0), (0, 1))), "mainFilter": used}
 
 
 def _set(uniform: Any, values: NDArray) -> None:

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from fexel.filters.minification import NO_MINIFICATION, Minification, filter_of, minification_of
 from fexel.textures.inputs import Inputs, warn
+
+if TYPE_CHECKING:
+    from fexel.images import ImageInfo
 
 __all__ = [
     "BIAS_ZERO",
@@ -13,8 +17,12 @@ __all__ = [
     "PATCH_WRAP",
     "SCALE_ONE",
     "ImageSource",
+    "decodes_vectors",
     "fallback_of",
+    "holds_vectors",
     "image_source",
+    "own_minification",
+    "toned",
     "wrap_of",
 ]
 
@@ -55,6 +63,10 @@ class ImageSource:
     bias: tuple[float, ...] = BIAS_ZERO
     fallback: tuple[float, ...] = NO_FALLBACK
     soft_rim: bool = False
+
+    def resolved_space(self, info: ImageInfo) -> str:
+        """``raw`` or ``sRGB``: what is asked for, else what the format of the file says."""
+        return info.color_space if self.color_space == "auto" else self.color_space
 
 
 def image_source(inputs: Inputs, nested: bool, own: Minification = NO_MINIFICATION) -> ImageSource:
@@ -107,6 +119,17 @@ def decodes_vectors(scale: tuple[float, ...], bias: tuple[float, ...]) -> bool:
     """Whether colours in [0, 1] become vectors in [-1, 1]; x and y may run backward, alpha may be anything."""
     around_zero = all(bias[axis] == -0.5 * scale[axis] for axis in range(3))
     return around_zero and abs(scale[0]) == abs(scale[1]) == scale[2] == 2.0
+
+
+def holds_vectors(
+    source: ImageSource, info: ImageInfo | None, scale: tuple[float, ...], bias: tuple[float, ...]
+) -> bool:
+    """Whether `scale` and `bias`, or those of the image itself, decode vectors from data, not from encoded colours.
+
+    `info` is that of the file, None where a fallback stands in: which nothing decodes.
+    """
+    decodes = decodes_vectors(scale, bias) or decodes_vectors(source.scale, source.bias)
+    return decodes and info is not None and source.resolved_space(info) == "raw"
 
 
 def wrap_of(inputs: Inputs) -> tuple[str, str]:

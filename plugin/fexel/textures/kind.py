@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from fexel.filters import DEFAULT_FILTER
+
 if TYPE_CHECKING:
     from fexel.textures.index import LocalPieces
     from fexel.textures.pool import TexturePool
@@ -60,6 +62,10 @@ class Slot:
     local_to_texels : (3, 3) float64 or None
         From local st to texels of level 0 of its base image, t up, row vectors: what the AOV ``footprint`` is told in.
         None for a texture that has no base image: footprints are told in st.
+    filter : str
+        Of `fexel.filters.FILTERS`, by which its base image is seen; not what is asked for where that had no room.
+    vectors : bool
+        Its base image holds vectors, which scale and bias decode: a normal map.
     """
 
     kind: str
@@ -67,6 +73,8 @@ class Slot:
     record: int
     nested: tuple[Slot, ...] = ()
     local_to_texels: NDArray[np.float64] | None = None
+    filter: str = DEFAULT_FILTER
+    vectors: bool = False
 
 
 @dataclass(frozen=True, eq=False)

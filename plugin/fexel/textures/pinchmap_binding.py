@@ -124,6 +124,8 @@ def pinchmap_slot(
     across: bool,
     filtered: FilterView | None,
     local_to_texels: NDArray[np.float64],
+    filter: str,
+    vectors: bool,
 ) -> PinchmapSlot:
     """Write the record and choose the way of the shader.
 
@@ -146,6 +148,8 @@ def pinchmap_slot(
     filtered : FilterView or None
         The picture as a whole, where that is looked up.
     local_to_texels : (3, 3) float64
+    filter : str
+    vectors : bool
         As of `fexel.textures.kind.Slot`.
     """
     wrap_codes = [_WRAP_CODES.get(mode, 0) for mode in wrap]
@@ -168,6 +172,8 @@ def pinchmap_slot(
         coarser=constants.places[-1:],
         line=np.array([constants.line_color]),
         local_to_texels=local_to_texels,
+        filter=filter,
+        vectors=vectors,
         has_line=constants.line_width > 0,
         probes=probes,
         warped=constants.is_pinched or filtered is None,

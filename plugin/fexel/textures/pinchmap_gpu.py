@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from fexel import homography
 from fexel.filters.view import FilterView
-from fexel.textures.image_source import decodes_vectors
+from fexel.textures.image_source import holds_vectors
 from fexel.textures.image_view import write_image_records
 from fexel.textures.index import build_tree
 from fexel.textures.kind import Sight
@@ -84,6 +84,7 @@ class _PinchmapPlan:
     bounds: tuple[NDArray[np.float64], NDArray[np.float64]]
     wrap: tuple[str, str]
     most: float
+    filter: str
     filtered: FilterView | None
 
     @property
@@ -135,6 +136,8 @@ class _PinchmapPlan:
             across=bool((seen.low[0] < near).any() or (seen.high[0] > 1 - near).any()),
             filtered=self.filtered,
             local_to_texels=matrix * [*pool.facts(images.signal).size, 1],
+            filter=self.filtered.token if self.filtered else self.filter,
+            vectors=holds_vectors(data.signal, pool.facts(images.signal).info, data.signal.scale, data.signal.bias),
         )
 
     def _levels_within(self, pool: TexturePool) -> tuple[int, int]:
@@ -182,7 +185,7 @@ def plan(data: PinchmapData, sight: Sight, pool: TexturePool) -> _PinchmapPlan:
     fading = seen.lod_high[0] - images.octaves > _FADING if images.has_edges else plain.lod_high[0] > 0
     filtered = None
     if fading and token not in _BY_LEVELS:
-        filtered = _filtered(data, images, token, sight, bounds[0], pool)
+        filtered = _filtered(images, token, sight, bounds[0], pool)
     last = min(facts.last_level, MAX_LEVELS - 1)
     finest = int(np.floor(seen.lod_low[0]).clip(0, last))
     coarsest = int((np.floor(seen.lod_high[0]) + 1).clip(0, last))
@@ -198,11 +201,14 @@ def plan(data: PinchmapData, sight: Sight, pool: TexturePool) -> _PinchmapPlan:
         image, own = images.level(level)
         _ask(pool, image, own, uv)
     _ask(pool, images.pinchmap, 0, uv)
-    return _PinchmapPlan(data, sight, images, (finest, coarsest), seen, _bounds(sight), facts.wrap, most, filtered)
+    bounds_seen = _bounds(sight)
+    return _PinchmapPlan(
+        data, sight, images, (finest, coarsest), seen, bounds_seen, facts.wrap, most, filter=token, filtered=filtered
+    )
 
 
 def _filtered(
-    data: PinchmapData, images: _Images, token: str, sight: Sight, bounds: NDArray[np.float64], pool: TexturePool
+    images: _Images, token: str, sight: Sight, bounds: NDArray[np.float64], pool: TexturePool
 ) -> FilterView | None:
     """What is wanted of the picture as a whole; None where nothing is seen of it."""
     source, reader = images.whole
@@ -211,10 +217,7 @@ def _filtered(
     seen = layer_footprints(sight.pieces, matrix, size, bounds)
     if not len(seen.jacobian):
         return None
-    vectors = decodes_vectors(data.signal.scale, data.signal.bias) and data.signal.color_space == "raw"
-    view = FilterView.of(
-        pool, source, sight.path, token, seen.jacobian, seen.low, seen.high, vectors=vectors, reader=reader
-    )
+    view = FilterView.of(pool, source, sight.path, token, seen.jacobian, seen.low, seen.high, reader=reader)
     view.ask(pool)
     return view
 

@@ -107,6 +107,10 @@ class TexturePool:
         self.places = np.zeros((0, MAX_LEVELS, 4))
         self.page_class = np.zeros(0, np.int64)
 
+    def is_filtered(self, authored: str | None) -> bool:
+        """Whether a texture, or the renderer for all, asks for a filter."""
+        return authored is not None or self._filter is not None
+
     def filter(self, authored: str | None) -> str:
         """The filter that draws a texture which asks for `authored`, one of `FILTERS`; None asks for none."""
         return self._filter or authored or DEFAULT_FILTER

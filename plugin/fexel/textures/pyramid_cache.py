@@ -90,9 +90,8 @@ class PyramidCache:
         wrap = tuple(
             of_file if mode == "useMetadata" else mode for mode, of_file in zip(source.wrap, info.wrap, strict=True)
         )
-        space = info.color_space if source.color_space == "auto" else source.color_space
         eight_bit = info.dtype == "uint8" and (source.scale, source.bias) == _IDENTITY
-        page_class = SRGB if eight_bit and space == "sRGB" else HALF
+        page_class = SRGB if eight_bit and source.resolved_space(info) == "sRGB" else HALF
         return ImageFacts((info.width, info.height), page_class, wrap, info)  # type: ignore[arg-type]
 
     def _fallback_facts(self, source: ImageSource) -> ImageFacts:

@@ -79,10 +79,11 @@ class TextureSystem:
         plans = [gpu_half(r.texture.kind).plan(r.texture.data, _sight(r), self.pool) for r in requests]
         self.pool.load()
         for request, plan in zip(requests, plans, strict=True):
-            self._slots[id(request)] = request, plan.write(self.pool)
+            slot = plan.write(self.pool)
+            self._slots[id(request)] = request, slot
             path = request.texture.path
             self._all_layers[path] = plan.layers_total
-            self._filters[path] = self.pool.filter(request.texture.minification.filter)
+            self._filters[path] = slot.filter
             self._seen_layers.update((path, layer) for layer in plan.layers_seen)
         self.pool.records.upload()
 
@@ -94,7 +95,7 @@ class TextureSystem:
 
     def stats(self) -> dict[str, Any]:
         """For ``--stats``: layers of all textures met, seen and with texels resident; levels, chains and bytes; levels
-        dropped; ``filters``: by token, textures whose own filter it is.
+        dropped; ``filters``: by token, textures whose base image is seen by it.
         """
         layers = {"patches_total": sum(self._all_layers.values()), "patches_seen": len(self._seen_layers)}
         filters = Counter(self._filters.values())

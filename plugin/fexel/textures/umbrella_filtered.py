@@ -44,15 +44,12 @@ class UmbrellaFilter:
         Its ``local_to_st`` leads to the texture's own coordinates.
     mirrored : bool
         Whether the texture is seen as its mirror image as well.
-    vectors : bool
-        Whether texels are vectors.
     """
 
     token: str
     most: float
     sight: Sight
     mirrored: bool
-    vectors: bool
 
     @property
     def of_levels(self) -> bool:
@@ -117,4 +114,4 @@ class UmbrellaFilter:
         self, pool: TexturePool, source: Hashable, path: str, jacobian: NDArray[np.float64], reader: TexelReader | None
     ) -> FilterView:
         low, high = np.zeros((len(jacobian), 2)), np.ones((len(jacobian), 2))
-        return FilterView.of(pool, source, path, self.token, jacobian, low, high, vectors=self.vectors, reader=reader)
+        return FilterView.of(pool, source, path, self.token, jacobian, low, high, reader=reader)

@@ -14,7 +14,8 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from fexel import homography
-from fexel.textures.image_source import ImageSource
+from fexel.filters.view import FilterView
+from fexel.textures.image_source import ImageSource, holds_vectors
 from fexel.textures.image_view import ImageView, write_image_records
 from fexel.textures.index import build_tree
 from fexel.textures.kind import Sight
@@ -124,10 +125,22 @@ class _UmbrellaPlan:
             page_classes=frozenset(classes | ({HALF} if features.colors else set())),
             record=pool.records.append(np.concatenate(records)),
             local_to_texels=self.sight.local_to_st * [*(size if has_file else self.data.arrangement.grid), 1],
+            filter=next((view.token for view in reversed(images) if isinstance(view, FilterView)), self.filter.token),
+            vectors=self._holds_vectors(pool),
             features=features,
             images=tuple(images),
             constants=records[0],
             most=self.filter.most,
+        )
+
+    def _holds_vectors(self, pool: TexturePool) -> bool:
+        """Whether all images do."""
+        data, cache = self.data, pool.reader(PyramidCache)
+        paths = data.paths or (self.sight.path,) * len(data.arrangement.shapes)
+        used = [(shape.image, path) for shape, path in zip(data.arrangement.shapes, paths, strict=True) if shape.image]
+        used += [(data.background, self.sight.path)] if data.background.file else []
+        return bool(used) and all(
+            holds_vectors(image, cache.facts(image, path).info, data.scale, data.bias) for image, path in used
         )
 
     def _features(self) -> UmbrellaFeatures:
@@ -163,7 +176,7 @@ def plan(data: UmbrellaData, sight: Sight, pool: TexturePool) -> _UmbrellaPlan:
     usable = {level.path for level in data.levels if level.image and _is_readable(level.image, level.path, cache)}
     number = pool.image(data.background, sight.path)
     wrap = _wrap(data, pool, number)
-    how = UmbrellaFilter(token, most, sight, "mirror" in wrap, data.turns_vectors)
+    how = UmbrellaFilter(token, most, sight, "mirror" in wrap)
     left = 1.0 if how.of_levels else how.left(data.arrangement.grid)
     detail = detail_of(data, low, high, usable, wrap)
     drawn = tuple(_drawn(data, view, low, sight.path, (how, left), pool) for view in detail.levels)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from fexel.filters.view import FilterView
 from fexel.textures.footprint import Footprint
-from fexel.textures.image_source import PATCH_WRAP, decodes_vectors
+from fexel.textures.image_source import PATCH_WRAP
 from fexel.textures.index import LocalPieces
 from fexel.textures.layer_footprints import layer_footprints
 from fexel.textures.pool import TexturePool
@@ -90,9 +90,7 @@ def filtered_view(
     seen = layer_footprints(pieces, matrix, pool.facts(pool.image(source, path)).size, bounds, REACH)
     if not len(seen.jacobian) or Footprint.of(seen.jacobian.reshape(-1, 2, 2)).major.max() < _MAGNIFIED:
         return None
-    are_vectors = decodes_vectors(data.scale, data.bias) or decodes_vectors(source.scale, source.bias)
-    vectors = are_vectors and source.color_space == "raw"
-    return FilterView.of(pool, source, path, token, seen.jacobian, seen.low, seen.high, vectors=vectors)
+    return FilterView.of(pool, source, path, token, seen.jacobian, seen.low, seen.high)
 
 
 def filtered_root(view: FilterView, record: int, matrix: NDArray[np.float64], pool: TexturePool) -> FilteredRoot:

@@ -17,6 +17,7 @@ from fexel import homography
 from fexel.filters import FILTERS
 from fexel.filters.view import FilterView
 from fexel.textures import gpu_half, kind_number
+from fexel.textures.image_source import holds_vectors
 from fexel.textures.image_view import write_image_records
 from fexel.textures.index import LocalPieces, Tree, build_tree
 from fexel.textures.kind import Plan, Sight
@@ -75,6 +76,7 @@ class _ZipmapPlan:
     pairs: PairView
     levels: tuple[NDArray[np.int64], NDArray[np.int64]]
     wrap: tuple[str, str]
+    filter: str
     others: dict[int, tuple[str, Plan]]
 
     @property
@@ -90,10 +92,8 @@ class _ZipmapPlan:
         start, length = write_image_records(list(self.layers.filtered.values()), pool)
         places = {layer: start + length * order for order, layer in enumerate(self.layers.filtered)}
         facts = self._layer_facts(pool)
-        data = {other.layer: other.data for other in self.data.nested}
         for layer, slot in slots.items():
-            token = pool.filter(getattr(data[self.layers.number[layer]], "filter", None))
-            facts["kind"][layer] = kind_number(slot.kind) + FILTERS.index(token) / 8
+            facts["kind"][layer] = kind_number(slot.kind) + FILTERS.index(slot.filter) / 8
             facts["record"][layer] = slot.record
         for layer, place in places.items():
             facts["kind"][layer], facts["record"][layer] = FILTERED_IMAGE, place
@@ -118,6 +118,8 @@ class _ZipmapPlan:
             record=first_node,
             nested=tuple(slots.values()),
             local_to_texels=self.layers.local_to_layer[0] * [*self.layers.size[0], 1],
+            filter=self.layers.filtered[0].token if 0 in self.layers.filtered else self.filter,
+            vectors=self._holds_vectors(pool),
             grid=np.concatenate([scale, -self.tree.origin * scale]),
             shape=self.tree.shape,
             wrap=(_WRAP_CODES[self.wrap[0]], _WRAP_CODES[self.wrap[1]]),
@@ -132,6 +134,11 @@ class _ZipmapPlan:
             root=self._lone_root(places, pool),
             plain=bool(len(of_levels)),
         )
+
+    def _holds_vectors(self, pool: TexturePool) -> bool:
+        """Whether the root does."""
+        source, info = self.data.sources[self.data.source_index[0]], pool.facts(int(self.layers.image[0])).info
+        return holds_vectors(source, info, self.data.scale, self.data.bias)
 
     def _lone_root(self, places: dict[int, int], pool: TexturePool) -> FilteredRoot | None:
         """Constants of a root of which nothing covers anything, where its filter needs a record."""
@@ -212,7 +219,7 @@ def plan(data: ZipmapData, sight: Sight, pool: TexturePool) -> _ZipmapPlan:
         part = _part(tree, pairs, layer, local_to_layer[layer], data.paths[number[layer]])
         others[int(layer)] = other.kind, gpu_half(other.kind).plan(other.data, part, pool)
     wrap = pool.facts(int(layers.image[0])).wrap
-    return _ZipmapPlan(data, layers, tree, pairs, levels, wrap, others)
+    return _ZipmapPlan(data, layers, tree, pairs, levels, wrap, filters[0], others)
 
 
 def _in_bounds(data: ZipmapData, sight: Sight) -> NDArray[np.int64]:
