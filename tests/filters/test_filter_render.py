@@ -8,7 +8,7 @@ import pytest
 from bench.image_lookup import look_up
 from bench.zipmap_stage import save
 from fexel.errors import FexelWarning
-from fexel.filters import FILTERS, KERNELS
+from fexel.filters import FILTERS, FIPMAP_ACCESSES, KERNELS
 from fexel.filters.twin import FilterTwin
 from fexel.textures.image_source import ImageSource
 
@@ -72,6 +72,18 @@ def test_gaussian_lookups_are_those_of_the_twin(gl, tmp_path, wrap):
     error = np.abs(looked.color - values).max(axis=1)
     assert np.quantile(error, 0.99) < HALF_STEP
     assert np.all(looked.fetches == fetches) and fetches.max() == 20
+
+
+@pytest.mark.parametrize("accesses", FIPMAP_ACCESSES)
+@pytest.mark.parametrize("wrap", ["repeat", "clamp"])
+def test_fipmaps_of_more_accesses_are_those_of_the_twin(gl, tmp_path, wrap, accesses):
+    file, image = noise(tmp_path, 64, 48)
+    jacobian = fan(600, seed=20)
+    xy = np.random.default_rng(21).uniform(-0.5, 1.5, (len(jacobian), 2)) * [64, 48]
+    looked = look_up(gl, ImageSource(file, wrap=(wrap, wrap)), "fipmap", xy, jacobian, accesses=accesses)
+    values, fetches = FilterTwin(image, (wrap, wrap)).sample("fipmap", xy, jacobian, probes=accesses)
+    assert np.quantile(np.abs(looked.color - values).max(axis=1), 0.985) < HALF_STEP
+    assert np.all(looked.fetches == fetches) and np.all(fetches == 4 * accesses)
 
 
 @pytest.mark.parametrize("token", [token for token in FILTERS if token != "fipmap"])

@@ -223,6 +223,21 @@ def test_trilinear_lookup_fetches_eight_texels(renderer, tmp_path, rng):
     assert (renderer.render(stage, width=16, height=16, aovs=("fetches",))["fetches"] == 8).all()
 
 
+@pytest.mark.parametrize("accesses", [4, 8, 16])
+def test_fipmap_takes_the_accesses_that_the_renderer_is_given(tmp_path, rng, accesses):
+    stage = look_askew(textured(tmp_path, rng, st=9 * np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]])))
+    with Renderer(filter="fipmap", fipmap_accesses=accesses) as renderer:
+        images = renderer.render(stage, width=16, height=16, aovs=("fetches", "primId"))
+    assert (images["fetches"][images["primId"] >= 0] == 4 * accesses).all()
+
+
+def test_accesses_are_those_of_boxes():
+    with pytest.raises(FexelError, match="fipmap accesses: 8 with the kernel gauss, expected box"):
+        Renderer(filter_kernel="gauss", fipmap_accesses=8)
+    with pytest.raises(FexelError, match="fipmap accesses: 5, expected one of 4, 6, 8, 12, 16"):
+        Renderer(fipmap_accesses=5)
+
+
 def test_sixteen_probes_fetch_at_most_128_texels(tmp_path, rng):
     stage = textured(tmp_path, rng, st=[1, 50] * np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]]))
     with Renderer(anisotropy=16) as renderer:
@@ -361,6 +376,7 @@ def test_command_counts_the_chains_of_a_fipmap(tmp_path, rng):
     [
         ("--filter", "cubic", "filter: 'cubic', expected one of mipmap, anisotropic, ripmap, fipmap, ewa, auto"),
         ("--anisotropy", "32", "anisotropy: 32, expected 1 to 16"),
+        ("--fipmapAccesses", "5", "fipmap accesses: 5, expected one of 4, 6, 8, 12, 16"),
     ],
 )
 def test_command_refuses_what_there_is_not_in_one_line(tmp_path, rng, option, value, message):

@@ -8,7 +8,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from fexel.filters import DEFAULT_KERNEL
+from fexel.filters import DEFAULT_ACCESSES, DEFAULT_KERNEL
 from fexel.filters.view import FilterView
 from fexel.renderer.program import ProgramCache
 from fexel.textures.image_source import ImageSource
@@ -53,6 +53,7 @@ def look_up(
     seen: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]] | None = None,
     vectors: bool = False,
     kernel: str = DEFAULT_KERNEL,
+    accesses: int = DEFAULT_ACCESSES,
 ) -> Looked:
     """Look an image up, as shaders/image.glsl does.
 
@@ -71,8 +72,10 @@ def look_up(
     vectors : bool
     kernel : str
         One of `fexel.filters.KERNELS`.
+    accesses : int
+        One of `fexel.filters.FIPMAP_ACCESSES`.
     """
-    pool = TexturePool(gl, memory_mb, anisotropy, filter_kernel=kernel)
+    pool = TexturePool(gl, memory_mb, anisotropy, filter_kernel=kernel, fipmap_accesses=accesses)
     pool.begin()
     width, height = pool.facts(pool.image(source, "/Image")).size
     uv = np.stack([xy[:, 0] / width, 1 - xy[:, 1] / height], axis=1)

@@ -9,11 +9,14 @@ from __future__ import annotations
 from fexel.errors import FexelError
 
 __all__ = [
+    "DEFAULT_ACCESSES",
     "DEFAULT_FILTER",
     "DEFAULT_KERNEL",
     "FILTERS",
+    "FIPMAP_ACCESSES",
     "KERNELS",
     "PORTABLE_FILTERS",
+    "checked_accesses",
     "checked_filter",
     "checked_kernel",
 ]
@@ -31,6 +34,11 @@ KERNELS = ("box", "gauss")
 """What the filter ``fipmap`` weights a footprint by: evenly over a pixel, or a Gaussian of half a pixel's deviation."""
 
 DEFAULT_KERNEL = "box"
+
+FIPMAP_ACCESSES = (4, 6, 8, 12, 16)
+"""Bilinear accesses, of 4 texels each, that a fipmap may take of a box."""
+
+DEFAULT_ACCESSES = 4
 
 
 def checked_filter(token: str, where: str = "filter") -> str:
@@ -57,3 +65,19 @@ def checked_kernel(name: str, where: str = "filter kernel") -> str:
     if name not in KERNELS:
         raise FexelError(f"{where}: {name!r}, expected one of {', '.join(KERNELS)}")
     return name
+
+
+def checked_accesses(count: int, kernel: str = DEFAULT_KERNEL, where: str = "fipmap accesses") -> int:
+    """One of `FIPMAP_ACCESSES`.
+
+    Raises
+    ------
+    FexelError
+        Another one, or any but the default with another kernel than the default one, which has a number of its own; the
+        message begins with `where` and says what is expected.
+    """
+    if count not in FIPMAP_ACCESSES:
+        raise FexelError(f"{where}: {count}, expected one of {', '.join(map(str, FIPMAP_ACCESSES))}")
+    if count != DEFAULT_ACCESSES and kernel != DEFAULT_KERNEL:
+        raise FexelError(f"{where}: {count} with the kernel {kernel}, expected {DEFAULT_KERNEL}")
+    return int(count)

@@ -109,7 +109,7 @@ class FilterView:
         if token in CHAINED:
             is_gauss = token == "fipmap" and pool.filter_kernel == "gauss"
             directions, blur = (FINE_DIRECTIONS, GAUSS_BLUR) if is_gauss else (DIRECTIONS, SHORT_BLUR)
-            wants = cells_wanted(jacobian, _choices(token, is_gauss), len(directions))
+            wants = cells_wanted(jacobian, _choices(token, is_gauss, pool.fipmap_accesses), len(directions))
             if is_gauss:
                 window = _around(window, jacobian, pool.facts(number).size, fipmap.GAUSS_REACH)
             parts.append(own_part(pool, number, jacobian, wants, window))
@@ -237,8 +237,8 @@ def _around(
     return window[0] - reach, window[1] + reach
 
 
-def _choices(token: str, is_gauss: bool) -> list[Callable[[NDArray[np.float64]], Choice]]:
-    """What pixels may choose by."""
+def _choices(token: str, is_gauss: bool, accesses: int) -> list[Callable[[NDArray[np.float64]], Choice]]:
+    """What pixels may choose by; `accesses` of a fipmap."""
     if token == "auto":
         from fexel.filters.losses import CANDIDATES
 
@@ -246,7 +246,7 @@ def _choices(token: str, is_gauss: bool) -> list[Callable[[NDArray[np.float64]],
         return [partial(fipmap.choose, probes=probes) for probes in sorted(chained)]
     if is_gauss:
         return [partial(fipmap.choose, probes=fipmap.GAUSS_PROBES, gauss=True)]
-    return [{"ripmap": ripmap, "fipmap": fipmap}[token].choose]
+    return [ripmap.choose if token == "ripmap" else partial(fipmap.choose, probes=accesses)]
 
 
 def _lods(token: str, jacobian: NDArray[np.float64], anisotropy: float) -> tuple[float, float]:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fexel.filters import DEFAULT_KERNEL
+from fexel.filters import DEFAULT_ACCESSES, DEFAULT_KERNEL
 from fexel.renderer.brdf_table import ggx_albedo
 from fexel.renderer.lighting import AnalyticLights, DomeTextures, analytic_lights, world_lights
 from fexel.renderer.mesh_buffers import MeshBuffers, MeshCache, rebased_buffers
@@ -59,10 +59,11 @@ class DrawState:
         anisotropy: int,
         filter: str | None = None,
         filter_kernel: str = DEFAULT_KERNEL,
+        fipmap_accesses: int = DEFAULT_ACCESSES,
     ) -> None:
         self._gl = gl
         self._texture_options: dict[str, Any] = {"memory_mb": texture_memory_mb, "anisotropy": anisotropy}
-        self._texture_options |= {"filter": filter, "filter_kernel": filter_kernel}
+        self._texture_options |= {"filter": filter, "filter_kernel": filter_kernel, "fipmap_accesses": fipmap_accesses}
         self.programs = ProgramCache(gl)
         self.meshes = MeshCache(gl)
         self._domes = DomeTextures(gl, self.programs)

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fexel.errors import FexelError
-from fexel.filters import DEFAULT_KERNEL
+from fexel.filters import DEFAULT_ACCESSES, DEFAULT_KERNEL
 from fexel.renderer.aov import AOVS, Aov, aov_defines, data_aovs
 from fexel.renderer.draw_state import DrawState
 from fexel.renderer.targets import DataTarget, Targets
@@ -111,11 +111,17 @@ class FrameRenderer:
         anisotropy: int,
         filter: str | None = None,
         filter_kernel: str = DEFAULT_KERNEL,
+        fipmap_accesses: int = DEFAULT_ACCESSES,
     ) -> None:
         self._gl = gl
         self._targets = Targets(gl)
         self.state = DrawState(
-            gl, texture_memory_mb=texture_memory_mb, anisotropy=anisotropy, filter=filter, filter_kernel=filter_kernel
+            gl,
+            texture_memory_mb=texture_memory_mb,
+            anisotropy=anisotropy,
+            filter=filter,
+            filter_kernel=filter_kernel,
+            fipmap_accesses=fipmap_accesses,
         )
         self.stats = FrameStats()
 

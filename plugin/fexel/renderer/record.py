@@ -14,7 +14,7 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 from fexel.errors import FexelError
-from fexel.filters import DEFAULT_KERNEL
+from fexel.filters import DEFAULT_ACCESSES, DEFAULT_KERNEL
 from fexel.renderer.aov import checked_aovs
 from fexel.renderer.api import DEFAULT_ANISOTROPY, DEFAULT_TEXTURE_MEMORY_MB, Renderer
 from fexel.renderer.encoding import ColorCorrection
@@ -56,6 +56,7 @@ class RecordOptions:
     anisotropy: int = DEFAULT_ANISOTROPY
     filter: str | None = None
     filter_kernel: str = DEFAULT_KERNEL
+    fipmap_accesses: int = DEFAULT_ACCESSES
 
 
 @dataclass(frozen=True)
@@ -105,6 +106,7 @@ def record(
         anisotropy=options.anisotropy,
         filter=options.filter,
         filter_kernel=options.filter_kernel,
+        fipmap_accesses=options.fipmap_accesses,
     ) as renderer:
         for number, planned in enumerate(images, start=1):
             arrays = renderer.render(stage, time=planned.time, **_render_options(planned.target, options))

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fexel.filters import FILTERS
-from fexel.filters.fipmap import GAUSS_PROBES, PROBES
+from fexel.filters.fipmap import GAUSS_PROBES
 from fexel.textures.page_format import HALF, SRGB
 from fexel.textures.pool import TexturePool
 from fexel.textures.residency import MAX_LEVELS
@@ -131,7 +131,7 @@ def image_defines(views: Sequence[Viewed], pool: TexturePool, *, probes: bool) -
         "IMAGE_WRAPS": int(any(fact.wrap != ("clamp", "clamp") for fact in facts)),
         "IMAGE_ENDS": int(any(mode not in ("repeat", "mirror") for fact in facts for mode in fact.wrap)),
         "IMAGE_MIRROR": int(any("mirror" in fact.wrap for fact in facts)),
-        "IMAGE_ACCESSES": GAUSS_PROBES if is_gauss else PROBES,
+        "IMAGE_ACCESSES": GAUSS_PROBES if is_gauss else pool.fipmap_accesses,
         "IMAGE_GAUSS": int(is_gauss),
         **{f"IMAGE_FILTER_{token.upper()}": int(token in filters) for token in FILTERS},
     }

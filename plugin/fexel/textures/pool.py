@@ -15,7 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fexel.errors import FexelWarning
-from fexel.filters import DEFAULT_FILTER, DEFAULT_KERNEL, checked_filter, checked_kernel
+from fexel.filters import (
+    DEFAULT_ACCESSES,
+    DEFAULT_FILTER,
+    DEFAULT_KERNEL,
+    checked_accesses,
+    checked_filter,
+    checked_kernel,
+)
 from fexel.filters.chain import Chain
 from fexel.textures.atlas import Box, PageAtlas
 from fexel.textures.kept_texels import KeptTexels
@@ -67,10 +74,13 @@ class TexturePool:
         One of `fexel.filters.FILTERS`, for all textures whatever they ask for.
     filter_kernel : str
         One of `fexel.filters.KERNELS`.
+    fipmap_accesses : int
+        One of `fexel.filters.FIPMAP_ACCESSES`.
 
     Attributes
     ----------
     filter_kernel : str
+    fipmap_accesses : int
     atlases : tuple of PageAtlas
         By page class.
     records : RecordTexture
@@ -89,10 +99,12 @@ class TexturePool:
         anisotropy: float,
         filter: str | None = None,
         filter_kernel: str = DEFAULT_KERNEL,
+        fipmap_accesses: int = DEFAULT_ACCESSES,
     ) -> None:
         self._budget = max(int(memory_mb * 2**20), 0)
         self._filter = None if filter is None else checked_filter(filter)
         self.filter_kernel = checked_kernel(filter_kernel)
+        self.fipmap_accesses = checked_accesses(fipmap_accesses, filter_kernel)
         self.anisotropy = max(1.0, float(anisotropy))
         self.atlases = tuple(PageAtlas(gl, page_class) for page_class in range(len(PAGE_FORMATS)))
         self.records = RecordTexture(gl)

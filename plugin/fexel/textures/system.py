@@ -12,7 +12,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from fexel.filters import DEFAULT_KERNEL, FILTERS
+from fexel.filters import DEFAULT_ACCESSES, DEFAULT_KERNEL, FILTERS
 from fexel.renderer.visible import VisibleSurface
 from fexel.scene.model import Texture
 from fexel.textures import gpu_half
@@ -54,6 +54,8 @@ class TextureSystem:
         One of `fexel.filters.FILTERS`, for all textures whatever they ask for.
     filter_kernel : str
         One of `fexel.filters.KERNELS`.
+    fipmap_accesses : int
+        One of `fexel.filters.FIPMAP_ACCESSES`.
     """
 
     def __init__(
@@ -63,8 +65,9 @@ class TextureSystem:
         anisotropy: float = 8.0,
         filter: str | None = None,
         filter_kernel: str = DEFAULT_KERNEL,
+        fipmap_accesses: int = DEFAULT_ACCESSES,
     ) -> None:
-        self.pool = TexturePool(gl, memory_mb, anisotropy, filter, filter_kernel)
+        self.pool = TexturePool(gl, memory_mb, anisotropy, filter, filter_kernel, fipmap_accesses)
         self._room = (int(gl.info["GL_MAX_VERTEX_OUTPUT_COMPONENTS"]) - _MESH_COMPONENTS) // 4
         self._slots: dict[int, tuple[TextureRequest, Slot]] = {}
         self._seen_layers: set[tuple[str, str]] = set()

@@ -98,6 +98,10 @@ def _render(
         str,
         _option("--filterKernel", metavar="KERNEL", help="What fipmap weights a pixel by: box or gauss [box]."),
     ] = "box",
+    fipmap_accesses: Annotated[
+        int,
+        _option("--fipmapAccesses", metavar="N", help="Bilinear accesses of a fipmap: 4, 6, 8, 12 or 16 [4]."),
+    ] = 4,
     anisotropy: Annotated[
         int, _option("--anisotropy", metavar="PROBES", help="Most probes of a lookup, 1 to 16 [8].")
     ] = 8,
@@ -142,6 +146,7 @@ def _render(
         anisotropy=anisotropy,
         filter=texture_filter,
         filter_kernel=filter_kernel,
+        fipmap_accesses=fipmap_accesses,
     )
     with _progress() as progress:
         done = record(opened, image, options, progress)
