@@ -229,5 +229,5 @@ def test_kind_is_described_and_validated(stage):
 
 
 def test_kind_takes_part_in_the_demonstration(leafy):
-    assert list(demo.parts()) == ["zipmap", "pinchmap", "umbrella", "leafy"]
+    assert list(demo.parts()) == ["zipmap", "pinchmap", "umbrella", "leafy", "fipmap"]
     assert textures.kinds()[textures.kind_number("leafy")] == "leafy"
