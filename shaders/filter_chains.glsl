@@ -1,5 +1,5 @@
 // Lookups in chains of prefiltered images (fexel/filters/chain.py). Included by image.glsl, for ripmap and fipmap.
-// Provides ChainRows, chain_rows, chain_along_x, chain_level, chain_octaves, ChainExtent, chain_plain, chain_extent, ChainCell, chain_cell, chain_page, chain_access,
+// Provides ChainRows, chain_rows, chain_along_x, chain_level, chain_seen, chain_octaves, ChainExtent, chain_plain, chain_extent, ChainCell, chain_cell, chain_page, chain_access,
 // ChainBoxes, chain_boxes, chain_box. Twin of fexel/filters/lookup.py.
 //
 // A footprint is moved along a direction (fexel/filters/shears.py). A cell of that direction has texels that are 2^level
@@ -80,6 +80,12 @@ vec2 chain_sides(ChainRows rows, bool alongX)
     vec2 x = abs(rows.x);
     vec2 y = abs(rows.y);
     return alongX ? vec2(max(x.x, x.y), min(x.x, x.y)) : vec2(max(y.x, y.y), min(y.x, y.y));
+}
+
+// Texels of level 0 that a box is long of which a footprint is as long as so many accesses can read.
+float chain_seen(vec2 sides, float accesses)
+{
+    return (sides.x + CHAIN_RAMP * sides.y) / (2.0 * accesses + CHAIN_SLACK);
 }
 
 // By how many octaves a texel must be longer than wide, for so many accesses to do; may be negative.

@@ -74,8 +74,16 @@ vec4 fipmap_sample(Image image, vec2 uv, vec2 dx, vec2 dy, float accesses, out f
     lod = float(level);
 
     ChainExtent extent = chain_extent(image, rows, compact || alongX, quarters * (CHAIN_STEPS / 4));
+#if IMAGE_TILES
+    Tile tile = tile_of(image, extent, compact ? 0.0 : chain_seen(extent.sides, accesses));
+    level = max(level, tile.level);
+    lod = float(level);
+#endif
     ChainCell cell = chain_cell(image, uv, extent, octaves, level);
     ChainBoxes boxes = chain_boxes(cell, extent, accesses);
+#if IMAGE_TILES
+    tile_spread(tile, extent, accesses, cell, boxes);
+#endif
     FipmapPoints points = fipmap_points(rows, root, major, minor, level, accesses);
     vec4 sum = vec4(0.0);
     float total = 0.0;

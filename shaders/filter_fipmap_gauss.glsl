@@ -50,8 +50,16 @@ vec4 filter_fipmap(Image image, vec2 uv, vec2 dx, vec2 dy, float maxProbes, out 
     lod = float(level);
 
     ChainExtent extent = chain_extent(image, rows, compact || alongX, shear);
+#if IMAGE_TILES
+    Tile tile = tile_of(image, extent, compact ? 0.0 : length(extent.sides) / GAUSS_ACCESSES);
+    level = max(level, tile.level);
+    lod = float(level);
+#endif
     ChainCell cell = chain_cell(image, uv, extent, octaves, level);
     ChainBoxes boxes = chain_boxes(cell, extent, GAUSS_ACCESSES);
+#if IMAGE_TILES
+    tile_spread(tile, extent, GAUSS_ACCESSES, cell, boxes);
+#endif
     GaussPoints points = gauss_points(rows, root, major, minor);
     vec2 sides = extent.sides * (cell.texel.x * cell.count);
     float falloff = -0.5 / max(0.25 * dot(sides, sides) - GAUSS_TEXEL, GAUSS_LEAST_VARIANCE);

@@ -11,8 +11,15 @@ vec4 filter_ripmap(Image image, vec2 uv, vec2 dx, vec2 dy, float maxProbes, out 
     int level = chain_level(alongX ? rows.yy : rows.xx);
     int octaves = max(chain_octaves(chain_sides(rows, alongX), level, RIPMAP_ACCESSES), 0);
     ChainExtent extent = chain_plain(image, rows, alongX);
+#if IMAGE_TILES
+    Tile tile = tile_of(image, extent, chain_seen(extent.sides, RIPMAP_ACCESSES));
+    level = max(level, tile.level);
+#endif
     ChainCell cell = chain_cell(image, uv, extent, octaves, level);
     ChainBoxes boxes = chain_boxes(cell, extent, RIPMAP_ACCESSES);
+#if IMAGE_TILES
+    tile_spread(tile, extent, RIPMAP_ACCESSES, cell, boxes);
+#endif
     vec2 one = chain_box(boxes, 0.0);
     vec2 two = chain_box(boxes, 1.0);
     lod = float(level);

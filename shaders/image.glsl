@@ -123,6 +123,7 @@ vec4 image_at_level(Image image, vec2 uv, float level)
 #include "filter_mipmap.glsl"
 #include "filter_anisotropic.glsl"
 #include "filter_chains.glsl"
+#include "filter_tiles.glsl"
 #include "filter_ripmap.glsl"
 #include "filter_fipmap.glsl"
 #include "filter_fipmap_gauss.glsl"

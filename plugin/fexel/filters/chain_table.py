@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fexel.filters.shears import FINE_DIRECTIONS
+from fexel.filters.tiles import halvings
 
 __all__ = ["FINE_STEPS", "MOST_LEVELS", "PLAIN", "STEPS", "Cells", "chain_table"]
 
@@ -39,6 +40,7 @@ STEPS, FINE_STEPS = 4, 16
 
 _AXES = np.array([direction.long_axis for direction in FINE_DIRECTIONS])
 _SHEARS = np.array([direction.shear for direction in FINE_DIRECTIONS])
+_OTHER = 1e-3  # per octave that is another one of equal resolution, as where lines are down to one
 _FINER = 8.0  # what a cell that is an octave finer than asked for costs, over one that is as much coarser
 
 
@@ -60,7 +62,12 @@ class Cells:
 
 
 def chain_table(
-    cells: Mapping[int, Cells], first: int, page: tuple[int, int], facts: NDArray, steps: int = STEPS
+    cells: Mapping[int, Cells],
+    first: int,
+    page: tuple[int, int],
+    facts: NDArray,
+    extent: tuple[int, int],
+    steps: int = STEPS,
 ) -> NDArray[np.float64]:
     """The table of an image.
 
@@ -74,6 +81,8 @@ def chain_table(
         Width and height of the page.
     facts : (F, 4)
         What a filter knows of the image.
+    extent : (int, int)
+        Of its `fexel.filters.tiles.Tile`.
     steps : int
         `STEPS` or `FINE_STEPS`.
 
@@ -88,33 +97,40 @@ def chain_table(
     levels = np.arange(lowest, lowest + (1 << bits))
     row = len(octaves) * len(levels)
     order = sorted(cells, key=lambda direction: (direction not in PLAIN, direction))
-    serving = _most_alike(np.array(order), steps)
+    serving = _most_alike(np.array(order), extent, steps)
     start = {direction: len(serving) + len(facts) + row * number for number, direction in enumerate(order)}
     directions = [
         (_SHEARS[used], start[used], int(cells[used].octaves.min()), _AXES[used] == 0) for used in serving.tolist()
     ]
+    lines = [extent[axis] for axis in _AXES[order]]
+    rows = [_row(cells[each], octaves, levels, halvings(length)) for each, length in zip(order, lines, strict=True)]
     head = [first + 1, lowest + 16 * bits + 256 * (len(octaves) - 1), *page]
-    return np.concatenate([[head], directions, facts, *(_row(cells[each], octaves, levels) for each in order)])
+    return np.concatenate([[head], directions, facts, *rows])
 
 
-def _row(cells: Cells, octaves: NDArray[np.int64], levels: NDArray[np.int64]) -> NDArray[np.float64]:
-    """(octaves * levels, 4): of each the cell that is nearest."""
+def _row(cells: Cells, octaves: NDArray[np.int64], levels: NDArray[np.int64], last: int) -> NDArray[np.float64]:
+    """(octaves * levels, 4): of each the cell that is nearest; lines can be halved `last` times."""
     level = np.tile(levels, len(octaves))[:, None]
     long_level = np.repeat(octaves, len(levels))[:, None] + level
-    off = np.stack([cells.level - level, cells.octaves + cells.level - long_level])
-    return cells.place[np.where(off > 0, off, -_FINER * off).sum(axis=0).argmin(axis=1)]
+    halved = np.minimum(cells.octaves + cells.level, last) - np.minimum(long_level, last)
+    off = np.stack([cells.level - level, halved])
+    cost = np.where(off > 0, off, -_FINER * off).sum(axis=0)
+    cost += _OTHER * np.abs(cells.octaves - np.repeat(octaves, len(levels))[:, None])
+    return cells.place[cost.argmin(axis=1)]
 
 
-def _most_alike(among: NDArray[np.int64], steps: int) -> NDArray[np.int64]:
+def _most_alike(among: NDArray[np.int64], extent: tuple[int, int], steps: int) -> NDArray[np.int64]:
     """Of every slant of a table the direction whose footprints include the least angle with its.
 
-    Of equals one of its long axis, else the first.
+    Of equals one of its long axis, else the first. No shear moves a single line.
     """
     axis = np.repeat([0, 1], 2 * steps + 1)
     shear = np.tile(np.arange(-steps, steps + 1) / steps, 2)
     angle = _angles(_AXES[among], _SHEARS[among]) - _angles(axis, shear)[:, None]
     off = np.round(np.abs(np.sin(angle)), 6) + 1e-7 * (_AXES[among] != axis[:, None])  # less than what is rounded off
-    return among[np.argmin(off + 1e-10 * among, axis=1)]
+    alike = among[np.argmin(off + 1e-10 * among, axis=1)]
+    long_axis = np.where(np.abs(shear) == 1, 1, axis)  # 1 of x is 1 of y
+    return np.where(np.array(extent)[long_axis] == 1, np.array(PLAIN)[long_axis], alike)
 
 
 def _angles(axis: NDArray[np.int64], shear: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -45,6 +45,8 @@ class Wants:
     piece, direction, octaves : (N,) int64
         0 octaves: mip levels of the image itself, direction 0.
     finest, coarsest : (N,) int64
+    spread : bool
+        Boxes of some are spread over more periods than are read one by one, see `fexel.filters.tiles`.
     """
 
     piece: NDArray[np.int64]
@@ -52,6 +54,7 @@ class Wants:
     octaves: NDArray[np.int64]
     finest: NDArray[np.int64]
     coarsest: NDArray[np.int64]
+    spread: bool = False
 
 
 def cells_wanted(jacobian: NDArray[np.float64], chosen: Sequence[Callable], directions: int = len(DIRECTIONS)) -> Wants:
@@ -80,7 +83,8 @@ def cells_wanted(jacobian: NDArray[np.float64], chosen: Sequence[Callable], dire
     np.minimum.at(finest, piece, level)
     np.maximum.at(coarsest, piece, level)
     piece, direction, octaves = np.nonzero(_named(piece, direction, octaves, pieces)[:, :directions])
-    return Wants(piece, direction, octaves, finest[piece], coarsest[piece])
+    spread = any(choice.stride is not None and bool(choice.stride.any()) for choice in choices)
+    return Wants(piece, direction, octaves, finest[piece], coarsest[piece], spread)
 
 
 def _named(

@@ -71,6 +71,10 @@ class Choice:
         Texels of level 0 across, in the moved image.
     tilt : (K,) float64
         Texels along the moved axis per texel along the long one, that the shear leaves.
+    stride : (K,) float64, optional
+        Periods of the long axis per box where more than all boxes are seen, else 0; see `fexel.filters.tiles`.
+    drift : (K,) float64, optional
+        Texels along the moved axis per such period, without whole periods of that axis.
     """
 
     direction: _Ints
@@ -80,6 +84,8 @@ class Choice:
     length: _Floats
     width: _Floats
     tilt: _Floats
+    stride: _Floats | None = None
+    drift: _Floats | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,7 +212,12 @@ def chain_taps(
     columns = np.where((choice.octaves == 0) & (length >> halvings > 0), length >> halvings << folds, columns)
     texel = (length << folds) / np.maximum(columns, 1)
     center = xy[np.arange(len(xy)), axis]
-    first = np.round(center / texel - probes)[:, None] + 0.5 + 2.0 * np.arange(probes) - (center / texel)[:, None]
+    middle = center / texel
+    stride = np.zeros(len(xy)) if choice.stride is None else choice.stride
+    spread = stride > 0
+    texel = np.where(spread, (length << folds) * stride, texel)
+    middle = np.where(spread, 0.0, middle)
+    first = np.round(middle - probes)[:, None] + 0.5 + 2.0 * np.arange(probes) - middle[:, None]
     height = _gauss if gauss else _trapezoid
     left, right = (height(first + next_, choice.length / texel[:, None]) for next_ in (0, 1))
     weight = left + right
@@ -214,6 +225,12 @@ def chain_taps(
     along = (first + share) * texel[:, None]
     # What the moved axis gains by the shear, a place in the image that is not moved has not.
     across = (choice.tilt - shear)[:, None] * along
+    if choice.drift is not None:
+        period = length << folds
+        inward = ((np.floor(center / period) + 0.5) * period - center)[:, None]  # to the middle of the line
+        gained = (choice.tilt - shear)[:, None] * inward + choice.drift[:, None] * (first + share) * stride[:, None]
+        along = np.where(spread[:, None], inward, along)
+        across = np.where(spread[:, None], gained, across)
     offset = np.where((axis == 0)[:, None, None], np.stack([along, across], 2), np.stack([across, along], 2))
     return Taps(xy[:, None] + offset, weight / weight.sum(axis=1, keepdims=True))
 

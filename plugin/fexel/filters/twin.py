@@ -14,6 +14,7 @@ from fexel.filters import FILTERS, anisotropic, auto, ewa, fipmap, mipmap, ripma
 from fexel.filters.chain_layout import GAUSS_BLUR, SHORT_BLUR, ChainLayout
 from fexel.filters.chain_texels import Cells, cells
 from fexel.filters.lookup import Choice, Taps
+from fexel.filters.tiles import Tile, spread
 from fexel.textures.pinchmap_lattice import trilinear
 
 __all__ = ["FilterTwin"]
@@ -59,6 +60,10 @@ class FilterTwin:
         x, y = (mode == "mirror" for mode in self.wrap)
         return {"size": (self.image.shape[1], self.image.shape[0]), "mirrored": (x, y)}
 
+    @property
+    def _tile(self) -> Tile:
+        return Tile.of((self.image.shape[1], self.image.shape[0]), self.wrap)
+
     def sample(self, token: str, xy: _Floats, jacobian: _Floats, **options: Any) -> _Result:
         """Look pixels up.
 
@@ -98,12 +103,12 @@ class FilterTwin:
         return own(self.levels, self.own_wrap, xy, jacobian, **options)
 
     def _ripmap(self, xy: _Floats, jacobian: _Floats) -> _Result:
-        choice = ripmap.choose(jacobian)
+        choice = spread(ripmap.choose(jacobian), self._tile, ripmap.PROBES)
         return self.look_up(choice, ripmap.taps(choice, xy, **self._shape))
 
     def _fipmap(self, xy: _Floats, jacobian: _Floats, probes: int | None = None, gauss: bool = False) -> _Result:
         probes = probes or (fipmap.GAUSS_PROBES if gauss else fipmap.PROBES)
-        choice = fipmap.choose(jacobian, probes, gauss=gauss)
+        choice = spread(fipmap.choose(jacobian, probes, gauss=gauss), self._tile, probes, gauss=gauss)
         taps = fipmap.taps(choice, xy, jacobian, probes=probes, gauss=gauss, **self._shape)
         return self.look_up(choice, taps, GAUSS_BLUR if gauss else SHORT_BLUR)
 

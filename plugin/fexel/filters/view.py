@@ -24,6 +24,7 @@ from fexel.filters.chain_table import FINE_STEPS, STEPS, chain_table
 from fexel.filters.chain_wants import cells_wanted
 from fexel.filters.lookup import Choice, usable
 from fexel.filters.shears import DIRECTIONS, FINE_DIRECTIONS
+from fexel.filters.tiles import Tile, spread
 from fexel.filters.view_parts import Part, chain_part, own_part, page_of, resident_cells
 from fexel.textures.footprint import Footprint
 from fexel.textures.image_view import ImageView
@@ -59,12 +60,15 @@ class FilterView:
         What is wanted: of chains, and of the image itself.
     facts : (F, 4) float64
         What the filter knows of the image.
+    is_spread : bool
+        Some footprints are of more periods of it than are read one by one, see `fexel.filters.tiles`.
     """
 
     token: str
     own: ImageView
     parts: tuple[Part, ...]
     facts: NDArray[np.float64]
+    is_spread: bool = False
 
     @classmethod
     def of(
@@ -105,11 +109,13 @@ class FilterView:
         number = pool.image(source, path, reader)
         jacobian = jacobian.reshape(len(jacobian), -1, 2, 2)
         window = np.asarray(low, np.float64), np.asarray(high, np.float64)
-        parts = []
+        parts, is_spread = [], False
         if token in CHAINED:
             is_gauss = token == "fipmap" and pool.filter_kernel == "gauss"
             directions, blur = (FINE_DIRECTIONS, GAUSS_BLUR) if is_gauss else (DIRECTIONS, SHORT_BLUR)
-            wants = cells_wanted(jacobian, _choices(token, is_gauss, pool.fipmap_accesses), len(directions))
+            tile = _tile(pool, number)
+            wants = cells_wanted(jacobian, _choices(token, is_gauss, tile, pool.fipmap_accesses), len(directions))
+            is_spread = wants.spread
             if is_gauss:
                 window = _around(window, jacobian, pool.facts(number).size, fipmap.GAUSS_REACH)
             parts.append(own_part(pool, number, jacobian, wants, window))
@@ -132,7 +138,7 @@ class FilterView:
         facts = np.zeros((0, 4))
         if token == "auto":
             facts = pool.reader(_Remembered).record(reader or pool.reader(PyramidCache), source, path)
-        return cls(token, own, tuple(parts), facts)
+        return cls(token, own, tuple(parts), facts, is_spread)
 
     def ask(self, pool: TexturePool) -> None:
         """Want all of it."""
@@ -146,7 +152,8 @@ class FilterView:
             return record
         cells = resident_cells(self.parts, self.image, pool)
         steps = FINE_STEPS if pool.filter_kernel == "gauss" else STEPS
-        return np.concatenate([record, chain_table(cells, len(record), page_of(pool, self.image), self.facts, steps)])
+        page, extent = page_of(pool, self.image), _tile(pool, self.image).extent
+        return np.concatenate([record, chain_table(cells, len(record), page, self.facts, extent, steps)])
 
     def constants(self, pool: TexturePool, record: int) -> NDArray[np.float64]:
         """(2, 4) for image_flat of shaders/image.glsl, of the record that was appended at `record`."""
@@ -237,16 +244,30 @@ def _around(
     return window[0] - reach, window[1] + reach
 
 
-def _choices(token: str, is_gauss: bool, accesses: int) -> list[Callable[[NDArray[np.float64]], Choice]]:
-    """What pixels may choose by; `accesses` of a fipmap."""
+def _tile(pool: TexturePool, number: int) -> Tile:
+    """How an image of the pool goes on."""
+    facts = pool.facts(number)
+    return Tile.of(facts.size, facts.wrap)
+
+
+def _choices(token: str, is_gauss: bool, tile: Tile, accesses: int) -> list[Callable[[NDArray[np.float64]], Choice]]:
+    """What pixels may choose by, of an image; `accesses` of a fipmap."""
     if token == "auto":
         from fexel.filters.losses import CANDIDATES
 
         chained = {candidate.probes for candidate in CANDIDATES if candidate.token == "fipmap"}
-        return [partial(fipmap.choose, probes=probes) for probes in sorted(chained)]
+        return [_chosen(partial(fipmap.choose, probes=probes), tile, probes) for probes in sorted(chained)]
     if is_gauss:
-        return [partial(fipmap.choose, probes=fipmap.GAUSS_PROBES, gauss=True)]
-    return [ripmap.choose if token == "ripmap" else partial(fipmap.choose, probes=accesses)]
+        choose = partial(fipmap.choose, probes=fipmap.GAUSS_PROBES, gauss=True)
+        return [_chosen(choose, tile, fipmap.GAUSS_PROBES, gauss=True)]
+    if token == "ripmap":
+        return [_chosen(ripmap.choose, tile, ripmap.PROBES)]
+    return [_chosen(partial(fipmap.choose, probes=accesses), tile, accesses)]
+
+
+def _chosen(choose: Callable[..., Choice], tile: Tile, probes: int, gauss: bool = False) -> Callable[..., Choice]:
+    """A choice, of an image."""
+    return lambda jacobian: spread(choose(jacobian), tile, probes, gauss=gauss)
 
 
 def _lods(token: str, jacobian: NDArray[np.float64], anisotropy: float) -> tuple[float, float]:

@@ -83,6 +83,11 @@ class ImageView:
         """How many levels are seen."""
         return self.coarsest - self.finest + 1
 
+    @property
+    def is_spread(self) -> bool:
+        """Only chains have boxes to spread, see `fexel.filters.view.FilterView`."""
+        return False
+
 
 class Viewed(Protocol):
     """An `ImageView`, or a `fexel.filters.view.FilterView`."""
@@ -100,6 +105,11 @@ class Viewed(Protocol):
     @property
     def filter_code(self) -> int:
         """Number in `fexel.filters.FILTERS`."""
+        ...
+
+    @property
+    def is_spread(self) -> bool:
+        """Some footprints are of more periods of it than are read one by one, see `fexel.filters.tiles`."""
         ...
 
     def record(self, pool: TexturePool) -> NDArray[np.float64]:
@@ -133,5 +143,6 @@ def image_defines(views: Sequence[Viewed], pool: TexturePool, *, probes: bool) -
         "IMAGE_MIRROR": int(any("mirror" in fact.wrap for fact in facts)),
         "IMAGE_ACCESSES": GAUSS_PROBES if is_gauss else pool.fipmap_accesses,
         "IMAGE_GAUSS": int(is_gauss),
+        "IMAGE_TILES": int(any(view.is_spread for view in views)),
         **{f"IMAGE_FILTER_{token.upper()}": int(token in filters) for token in FILTERS},
     }
