@@ -14,12 +14,11 @@ import pytest
 from typer.testing import CliRunner
 
 from fexel.errors import FexelError, FexelWarning
-from fexel.filters import FILTERS
 from fexel.images import read_linear
 from fexel.renderer.context import GLContext
 from fexel_tools import filter_measure
 from fexel_tools.cli import app
-from fexel_tools.filter_measure import memory_ratio
+from fexel_tools.filter_measure import COMPARED, GAUSS_FIPMAP, memory_ratio
 from fexel_tools.filter_report import FilterOptions, compare_filters, summary
 from fexel_tools.filter_subject import open_subject
 from fexel_tools.filter_textures import line_chart
@@ -92,11 +91,59 @@ def test_sheet_shows_truth_and_filters_with_errors_below(chart, tmp_path):
     assert page[..., :3].std() > 0.05
 
 
+def test_title_of_a_sheet_of_one_filter_is_whole(tmp_path):
+    name = "a chart of line pairs whose name is longer than a picture is wide.png"
+    path = saved(tmp_path / name, line_chart(64))
+    titles = []
+    for filters in (("mipmap",), ("mipmap", "anisotropic", "ripmap", "fipmap", "ewa", "mipmap")):
+        sheet = tmp_path / f"{len(filters)}.png"
+        compare_filters([path], replace(SMALL, filters=filters, elevations=(45.0,)), sheet=sheet)
+        titles.append(read_linear(str(sheet))[:22, :, 0] > 0.2)
+    one, many = titles
+    assert many.any(axis=0).nonzero()[0].max() > 6 + 2 * (128 + 6)
+    assert one.sum() == many.sum()
+
+
+def test_small_pictures_stand_above_their_captions_and_the_key_has_the_colours_of_error_maps(chart, tmp_path):
+    sheet = tmp_path / "sheet.png"
+    compare_filters([chart], replace(SMALL, elevations=(45.0,)), sheet=sheet)
+    page = read_linear(str(sheet))[..., :3]
+    paper = page[0, 0]
+    rows = slice(24 + 58 + 6 + 24, 24 + 58 + 6 + 24 + 16)  # a title and a heading, a label, then pictures
+    assert (page[rows, 6 : 6 + 16] != paper).any(axis=(1, 2)).all()
+    assert (page[rows, 6 + 16 : 6 + 128] == paper).all()
+    assert len(np.unique(page[24 + 47, 6 + 48 : 6 + 92], axis=0)) > 30
+
+
+def test_texels_that_are_no_numbers_are_named_and_count_as_when_rendered(tmp_path):
+    pixels = np.random.default_rng(6).random((32, 32, 3)).astype(np.float32)
+    pixels[3, 4], pixels[5, 6, 1] = np.nan, np.inf
+    path = saved(tmp_path / "holes.exr", pixels, "raw")
+    with pytest.warns(FexelWarning, match=r"holes.exr: 2 of 1024 texels hold NaN or infinity"):
+        result = compare_filters([path], SMALL)
+    assert all(np.isfinite(figure.psnr_db) for figure in result.figures)
+
+
 def test_memory_is_that_of_the_table():
-    ratios = {token: memory_ratio(token, (1024, 1024), ("repeat", "repeat")) for token in FILTERS}
+    ratios = {token: memory_ratio(token, (1024, 1024), ("repeat", "repeat")) for token in COMPARED}
     assert ratios["mipmap"] == ratios["anisotropic"] == ratios["ewa"] == pytest.approx(4 / 3, abs=1e-3)
     assert ratios["ripmap"] == pytest.approx(4, abs=0.01)
     assert ratios["fipmap"] == pytest.approx(12, abs=0.06)
+    assert ratios[GAUSS_FIPMAP] == pytest.approx(17 + 1 / 3, abs=0.15)
+
+
+def test_gaussian_fipmap_is_compared_with_the_gaussian_truth(chart, tmp_path):
+    options = replace(SMALL, filters=("fipmap", GAUSS_FIPMAP), elevations=(5.0,))
+    report = compare_filters([chart], options, sheet=tmp_path / "sheet.png")
+    found = {(figure.filter, figure.truth, figure.view.azimuth): figure for figure in report.figures}
+    for azimuth in options.azimuths:
+        gauss = found[GAUSS_FIPMAP, "gauss", azimuth]
+        assert gauss.psnr_db > found["fipmap", "gauss", azimuth].psnr_db
+        assert gauss.fetches == 20
+    line = next(line for line in summary(report) if line.startswith(GAUSS_FIPMAP))
+    assert float(line.split()[-1]) == pytest.approx(
+        np.mean([found[GAUSS_FIPMAP, "gauss", azimuth].psnr_db for azimuth in options.azimuths]), abs=0.06
+    )
 
 
 @pytest.mark.parametrize(

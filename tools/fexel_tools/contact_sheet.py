@@ -15,10 +15,10 @@ import numpy as np
 from fexel.errors import FexelError
 from fexel_tools.image_files import write_image
 
-__all__ = ["SheetRow", "contact_sheet", "write_png"]
+__all__ = ["SheetRow", "caption_strip", "contact_sheet", "write_png"]
 
 _PAPER = (24, 24, 26)
-_INK = (225, 225, 225)
+_INK, _FAINT = (225, 225, 225), (160, 160, 165)
 _FONT = cv2.FONT_HERSHEY_SIMPLEX
 _TEXT_PX = 14  # cap height of the row labels; column labels are a little smaller
 _HERSHEY_CAP_PX = 22.0  # cap height of the font at scale 1
@@ -34,6 +34,8 @@ class SheetRow:
 
 def contact_sheet(rows: Sequence[SheetRow], column_labels: Sequence[str] = (), gap: int = 6) -> np.ndarray:
     """Lay out rows of pictures with a label above each row (none where it is '') and one below each column.
+
+    The page is as wide as its pictures, or as the longest label of a row.
 
     Parameters
     ----------
@@ -64,7 +66,8 @@ def contact_sheet(rows: Sequence[SheetRow], column_labels: Sequence[str] = (), g
     label_height = _TEXT_PX + 10
     foot = label_height if column_labels else 0
     page_height = sum((label_height if row.label else gap) + height for row in rows) + gap + foot
-    page = np.full((page_height, gap + columns * (width + gap), 3), _PAPER, np.uint8)
+    page_width = max(gap + columns * (width + gap), 2 * gap + max(_width(row.label) for row in rows))
+    page = np.full((page_height, page_width, 3), _PAPER, np.uint8)
     top = 0
     for row in rows:
         _write(page, row.label, gap, top + label_height - 6, _TEXT_PX)
@@ -78,6 +81,18 @@ def contact_sheet(rows: Sequence[SheetRow], column_labels: Sequence[str] = (), g
     return page
 
 
+def caption_strip(width: int, height: int, lines: Sequence[str]) -> np.ndarray:
+    """(height, width, 3) uint8, sRGB-encoded: small words to put above or below a picture, 18 pixels per line.
+
+    Of several lines the first is a heading.
+    """
+    strip = np.full((height, width, 3), _PAPER, np.uint8)
+    for number, line in enumerate(lines):
+        scale, ink = (0.5, _INK) if number == 0 and len(lines) > 1 else (0.4, _FAINT)
+        cv2.putText(strip, line, (2, 14 + 18 * number), _FONT, scale, ink, 1, cv2.LINE_AA)
+    return strip
+
+
 def _common_shape(rows: Sequence[SheetRow], column_labels: Sequence[str]) -> tuple[int, int, int]:
     shapes = {picture.shape for row in rows for picture in row.pictures}
     counts = {len(row.pictures) for row in rows}
@@ -89,6 +104,11 @@ def _common_shape(rows: Sequence[SheetRow], column_labels: Sequence[str]) -> tup
     if column_labels and len(column_labels) != columns:
         raise FexelError(f"contact sheet: {len(column_labels)} column labels, expected {columns}")
     return shape[0], shape[1], columns
+
+
+def _width(label: str) -> int:
+    """Pixels that the label of a row takes."""
+    return cv2.getTextSize(label, _FONT, _TEXT_PX / _HERSHEY_CAP_PX, 1)[0][0] if label else 0
 
 
 def _write(page: np.ndarray, text: str, left: int, baseline: int, cap_px: int) -> None:

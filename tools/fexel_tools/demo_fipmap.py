@@ -19,7 +19,7 @@ import fexel
 from fexel.errors import FexelError
 from fexel.filters import FILTERS, PORTABLE_FILTERS
 from fexel.images import linear_to_srgb
-from fexel_tools.contact_sheet import SheetRow, contact_sheet, write_png
+from fexel_tools.contact_sheet import SheetRow, caption_strip, contact_sheet, write_png
 from fexel_tools.minify import MinifyOptions, minify
 
 __all__ = ["ABOUT", "FilterFigures", "FipmapDemo", "View", "bundled_views", "make_fipmap_demo", "run"]
@@ -28,6 +28,8 @@ ABOUT = "minification filters at grazing view, beside what would be right"
 
 _ENLARGED = 2  # pixels of the sheet along a pixel
 _FINER = 8  # pixels of the truth along a pixel
+_FINE_FILTER, _FINE_PROBES = "anisotropic", 16  # of these; a fipmap there would be the same to 60 dB, EWA to 51
+_CAPTION_PX = 18
 _BACKGROUND = (0.3, 0.45, 0.7)  # linear
 
 
@@ -132,7 +134,7 @@ def make_fipmap_demo(views: Sequence[View], output: Path, width: int, tokens: Se
     """
     output.mkdir(parents=True, exist_ok=True)
     size = max(8, width // _ENLARGED)
-    with fexel.Renderer() as renderer:
+    with fexel.Renderer(filter=_FINE_FILTER, anisotropy=_FINE_PROBES) as renderer:
         truths = {view.name: _truth(renderer, view, size) for view in views}
     layers: list[Path] = []
     pictures: dict[str, list[NDArray[np.float32]]] = {view.name: [] for view in views}
@@ -146,10 +148,7 @@ def make_fipmap_demo(views: Sequence[View], output: Path, width: int, tokens: Se
                 picture, fetches = _picture(renderer, view, stage, size)
                 pictures[view.name].append(picture)
                 figures[view.name, token] = FilterFigures(_psnr_db(picture, truths[view.name]), fetches)
-    rows = [
-        SheetRow(_label(view, tokens, figures), [_enlarged(p) for p in (*pictures[view.name], truths[view.name])])
-        for view in views
-    ]
+    rows = [SheetRow(view.name, _panels(view, pictures[view.name], truths[view.name], figures)) for view in views]
     sheet = output / "fipmap_sheet.png"
     write_png(sheet, contact_sheet(rows, [*tokens, f"mean of {_FINER} x {_FINER} finer pixels"]))
     return FipmapDemo(tuple(layers), sheet, figures)
@@ -162,10 +161,20 @@ def _layer(view: View, token: str, output: Path) -> Path:
     return layer
 
 
-def _label(view: View, tokens: Sequence[str], figures: dict[tuple[str, str], FilterFigures]) -> str:
-    """The view, and error (dB) and texels a pixel of each filter."""
-    told = [f"{figures[view.name, t].psnr_db:.1f} dB of {figures[view.name, t].fetches:.0f} texels" for t in tokens]
-    return f"{view.name}: {', '.join(told)}"
+def _panels(
+    view: View,
+    pictures: Sequence[NDArray[np.float32]],
+    truth: NDArray[np.float32],
+    figures: dict[tuple[str, str], FilterFigures],
+) -> list[NDArray[np.uint8]]:
+    """Pictures with their error and cost below, and what would be right."""
+    own = [found for (name, _), found in figures.items() if name == view.name]
+    captions = [f"{found.psnr_db:.1f} dB, {found.fetches:.0f} texels a pixel" for found in own]
+    panels = []
+    for picture, caption in zip((*pictures, truth), (*captions, ""), strict=True):
+        enlarged = _enlarged(picture)
+        panels.append(np.concatenate([enlarged, caption_strip(enlarged.shape[1], _CAPTION_PX, (caption,))]))
+    return panels
 
 
 def _picture(renderer: fexel.Renderer, view: View, stage: Path, size: int) -> tuple[NDArray[np.float32], float]:

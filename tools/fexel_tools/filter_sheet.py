@@ -1,7 +1,9 @@
 """A sheet to compare filters by eye: views as rows, the truth and filters as columns, each picture over its error.
 
 The heading of a column names the filter, what it fetches and keeps; under a picture stand its errors against the box
-truth. Error maps show the largest difference of a channel, sRGB-encoded, from black to yellow at `ERROR_FULL`.
+truth, of the Gaussian fipmap those against the Gaussian one. Error maps show the largest difference of a channel from
+the box truth, sRGB-encoded, by the colours of the key in the first heading: from black, none, to yellow, `ERROR_FULL`
+and more.
 """
 
 from __future__ import annotations
@@ -15,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fexel.images import linear_to_srgb
-from fexel_tools.contact_sheet import SheetRow, contact_sheet, write_png
-from fexel_tools.filter_measure import Measured, ViewPictures
+from fexel_tools.contact_sheet import SheetRow, caption_strip, contact_sheet, write_png
+from fexel_tools.filter_measure import GAUSS_FIPMAP, Measured, ViewPictures
 from fexel_tools.filter_subject import Subject
 
 __all__ = ["ERROR_FULL", "SheetPart", "write_sheet"]
@@ -26,16 +28,8 @@ ERROR_FULL = 0.1
 
 _LEAST_PX = 128  # side of a panel: its caption must fit
 _CAPTION_PX, _HEADING_PX = 18, 58
-_PAPER, _INK, _FAINT = (24, 24, 26), (225, 225, 225), (160, 160, 165)
-_FONT = cv2.FONT_HERSHEY_SIMPLEX
-_TITLES = {
-    "mipmap": "mipmap",
-    "anisotropic": "anisotropic",
-    "ripmap": "ripmap",
-    "fipmap": "fipmap",
-    "ewa": "EWA",
-    "auto": "auto",
-}
+_KEY = (41, 53, 48, 92)  # top, bottom, left, right of the key in the heading
+_PAPER = (24, 24, 26)
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,14 +49,20 @@ def write_sheet(parts: Sequence[SheetPart], path: str | Path) -> None:
     FexelError
         The file cannot be written.
     """
-    write_png(Path(path), np.concatenate([_page(part) for part in parts]))
+    write_png(Path(path), _stacked([_page(part) for part in parts]))
 
 
 def _page(part: SheetPart) -> NDArray[np.uint8]:
     filters = list(part.pictures[0].shown)
     heading = contact_sheet([SheetRow(_title(part.subject), _headings(part, filters))])
     rows = [SheetRow(view.view.label, _panels(part, view, filters)) for view in part.pictures]
-    return np.concatenate([heading, contact_sheet(rows)])
+    return _stacked([heading, contact_sheet(rows)])
+
+
+def _stacked(pages: Sequence[NDArray[np.uint8]]) -> NDArray[np.uint8]:
+    """One below the other, all as wide as the widest."""
+    width = max(page.shape[1] for page in pages)
+    return np.concatenate([_widened(page, width) for page in pages])
 
 
 def _title(subject: Subject) -> str:
@@ -76,15 +76,30 @@ def _title(subject: Subject) -> str:
 
 def _headings(part: SheetPart, filters: Sequence[str]) -> list[NDArray[np.uint8]]:
     width = max(part.pictures[0].truth.shape[1], _LEAST_PX)
-    panels = [_words(width, _HEADING_PX, ("truth", "mean over the pixel", f"error: 0 to {ERROR_FULL:g}"))]
+    panels = [_key(width)]
     for token in filters:
         own = [figure for figure in part.figures if figure.filter == token and figure.truth == "box"]
         fetches, memory = [figure.fetches for figure in own], own[0].memory
         low, high = min(fetches), max(fetches)
         cost = f"{low:.0f}" if high - low < 0.5 else f"{low:.0f} to {high:.0f}"
-        lines = (_TITLES[token], f"{cost} fetches", f"{memory:.2f} x memory")
-        panels.append(_words(width, _HEADING_PX, lines))
+        lines = (token, f"{cost} fetches", f"{memory:.2f} x memory")
+        panels.append(caption_strip(width, _HEADING_PX, lines))
     return panels
+
+
+def _key(width: int) -> NDArray[np.uint8]:
+    """The heading of the first column, with the colours of error maps."""
+    panel = caption_strip(width, _HEADING_PX, ("truth", "mean over the pixel", "error 0"))
+    top, bottom, left, right = _KEY
+    panel[top:bottom, left:right] = _map_colors(np.linspace(0, 1, right - left))[None]
+    panel[40:, right + 1 :] = caption_strip(width - right - 1, _HEADING_PX - 40, (f"{ERROR_FULL:g}",))
+    return panel
+
+
+def _map_colors(shares: NDArray[np.floating]) -> NDArray[np.uint8]:
+    """(..., 3), sRGB-encoded, of errors as shares of `ERROR_FULL`."""
+    levels = _eight_bit(shares)
+    return cv2.applyColorMap(levels.reshape(-1, 1), cv2.COLORMAP_INFERNO)[:, 0, ::-1].reshape(*levels.shape, 3)
 
 
 def _panels(part: SheetPart, view: ViewPictures, filters: Sequence[str]) -> list[NDArray[np.uint8]]:
@@ -94,38 +109,28 @@ def _panels(part: SheetPart, view: ViewPictures, filters: Sequence[str]) -> list
     for token in filters:
         shown = _displayed(part.subject, view.shown[token])
         error = np.abs(shown - truth).max(axis=-1)
-        map_ = cv2.applyColorMap(_eight_bit(error / ERROR_FULL), cv2.COLORMAP_INFERNO)[..., ::-1]
-        panels.append(_panel(_eight_bit(shown), map_, _caption(part, view, token)))
+        panels.append(_panel(_eight_bit(shown), _map_colors(error / ERROR_FULL), _caption(part, view, token)))
     return panels
 
 
 def _caption(part: SheetPart, view: ViewPictures, token: str) -> str:
+    truth = "gauss" if token == GAUSS_FIPMAP else "box"
     for figure in part.figures:
-        if (figure.view, figure.filter, figure.truth) == (view.view, token, "box"):
+        if (figure.view, figure.filter, figure.truth) == (view.view, token, truth):
             difference = "" if figure.ciede2000 is None else f"  dE {figure.ciede2000:.2f}"
             return f"{figure.psnr_db:.1f} dB{difference}"
     return ""
 
 
 def _panel(picture: NDArray[np.uint8], error: NDArray[np.uint8], caption: str) -> NDArray[np.uint8]:
-    both = np.concatenate([_centred(picture), _centred(error)])
-    return np.concatenate([both, _words(both.shape[1], _CAPTION_PX, (caption,))])
+    both = _widened(np.concatenate([picture, error]), _LEAST_PX)
+    return np.concatenate([both, caption_strip(both.shape[1], _CAPTION_PX, (caption,))])
 
 
-def _centred(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """At its own size, whatever the panel's, so that pixels stay pixels."""
-    missing = max(_LEAST_PX - picture.shape[1], 0)
-    if missing == 0:
-        return picture
-    return cv2.copyMakeBorder(picture, 0, 0, missing // 2, missing - missing // 2, cv2.BORDER_CONSTANT, value=_PAPER)
-
-
-def _words(width: int, height: int, lines: Sequence[str]) -> NDArray[np.uint8]:
-    panel = np.full((height, width, 3), _PAPER, np.uint8)
-    for number, line in enumerate(lines):
-        scale, ink = (0.5, _INK) if number == 0 and len(lines) > 1 else (0.4, _FAINT)
-        cv2.putText(panel, line, (2, 14 + 18 * number), _FONT, scale, ink, 1, cv2.LINE_AA)
-    return panel
+def _widened(picture: NDArray[np.uint8], width: int) -> NDArray[np.uint8]:
+    """At its own size, on paper that is at least so wide, flush left as captions are."""
+    missing = max(width - picture.shape[1], 0)
+    return cv2.copyMakeBorder(picture, 0, 0, 0, missing, cv2.BORDER_CONSTANT, value=_PAPER) if missing else picture
 
 
 def _displayed(subject: Subject, picture: NDArray[np.float32]) -> NDArray[np.float32]:

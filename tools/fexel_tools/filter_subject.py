@@ -1,18 +1,20 @@
 """The image that filters are compared on: any file, or the middle of a large one, as texels and as a file of its own.
 
 A copy is what the renderer reads, so that chains of it are kept, and thrown away, with the copy: nothing is written
-beside the user's file. 8- and 16-bit files are copied value by value, all others as linear, premultiplied floats.
+beside the user's file. 8- and 16-bit files are copied value by value, all others as linear, premultiplied floats, what
+is no finite number as the renderer reads it (`fexel.images`).
 """
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fexel.errors import FexelError
+from fexel.errors import FexelError, FexelWarning
 from fexel.images import image_info, read_linear, read_pixels
 from fexel.images.header import ImageInfo
 from fexel.images.linear import to_linear
@@ -88,10 +90,16 @@ def open_subject(
     ------
     FexelError
         Missing, damaged or unreadable file.
+
+    Warns
+    -----
+    FexelWarning
+        Values that are no finite numbers.
     """
     info = image_info(file)
     window = _middle(info.width, info.height, largest)
     pixels = read_pixels(info, 0, window)
+    _warn_of_no_numbers(file, pixels)
     color_space = "raw" if raw or vectors else info.color_space
     copy = _copied(folder, pixels, info, color_space)
     image = read_linear(str(copy), color_space if copy.suffix == ".png" else "raw")
@@ -114,6 +122,16 @@ def _middle(width: int, height: int, largest: int) -> tuple[int, int, int, int]:
     across, down = min(width, largest), min(height, largest)
     left, top = (width - across) // 2, (height - down) // 2
     return left, top, left + across, top + down
+
+
+def _warn_of_no_numbers(file: str, pixels: NDArray) -> None:
+    if pixels.dtype.kind != "f":
+        return
+    wrong = int((~np.isfinite(pixels)).any(axis=-1).sum())
+    if wrong:
+        texels = pixels.shape[0] * pixels.shape[1]
+        found = f"{file}: {wrong} of {texels} texels hold NaN or infinity, expected finite values"
+        warnings.warn(f"{found}; NaN counts as 0, infinity as 65504, as when rendered", FexelWarning, stacklevel=3)
 
 
 def _copied(folder: Path, pixels: NDArray, info: ImageInfo, color_space: str) -> Path:
