@@ -97,7 +97,7 @@ def curves(quick: bool) -> Iterator[Curve]:
     ratios = {elevation: cost_ratios(elevation, _FILTERS, 3 if quick else 9) for elevation in _ELEVATIONS}
     for token in _FILTERS:
         yield Curve(
-            plot="cost of minification against elevation",
+            plot="minification_cost_elevation",
             label=token,
             x=list(_ELEVATIONS),
             y=[ratios[elevation][token][0] for elevation in _ELEVATIONS],

@@ -29,7 +29,7 @@ def rows(quick: bool) -> Iterator[Row]:
     for wrap in _WRAPS:
         for token in FILTERS:
             ratio = memory_ratio(token, (1024, 1024), (wrap, wrap))
-            reference = f"notes {_KNOWN[token]:g}" if wrap == "repeat" and token in _KNOWN else ""
+            reference = f"an earlier measurement: {_KNOWN[token]:g}" if wrap == "repeat" and token in _KNOWN else ""
             yield Row(f"{token}: all that it may read", f"1024 x 1024, {wrap}", ratio, "x image", reference=reference)
     yield from _resident(512 if quick else 1024)
 

@@ -4,12 +4,13 @@ Shapes are drawn as polygons on a raster several times finer and averaged in lin
 is sharp without being jagged. The chart is laid out after figures 18 to 20 of Bornik and Ferko 2002, where a chart for
 measuring line pairs per millimetre is sheared: a black square, parallel lines along both axes and a digit, repeated at
 smaller and smaller scales and turned. All of them may be repeated without a seam; pictures are (size, size, 3) uint8,
-sRGB-encoded, row 0 at the top.
+sRGB-encoded, row 0 at the top. `tones` are paper and ink, sRGB-encoded.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import partial
 from types import MappingProxyType
 
 import cv2
@@ -18,22 +19,23 @@ from numpy.typing import NDArray
 
 from fexel.images.srgb import linear_to_srgb, srgb_to_linear
 
-__all__ = ["TEXTURES", "bricks", "checkerboard", "line_chart", "text_page"]
+__all__ = ["FULL_CONTRAST", "TEXTURES", "bricks", "checkerboard", "line_chart", "text_page"]
 
 _FINER = 4  # raster cells along each side of a texel
 _SHIFT = 8  # bits of a polygon's coordinates below one cell
 
-_PAPER, _PRINT = 226, 40  # sRGB-encoded: paper reflects three quarters of the light, ink a fiftieth
+_PRINT = (226, 40)  # paper and ink, sRGB-encoded: paper reflects three quarters of the light, ink a fiftieth
+_EXTREMES = (255, 0)
 
 
-def checkerboard(size: int = 512, squares: int = 32) -> NDArray[np.uint8]:
+def checkerboard(size: int = 512, squares: int = 32, tones: tuple[int, int] = _PRINT) -> NDArray[np.uint8]:
     """So many dark and light squares along each side, an even number; sharp where it divides `size`."""
     edges = np.arange(1, squares, 2) / squares
     odd = np.sum([_overlap(edge, edge + 1 / squares, size) for edge in edges], axis=0)
-    return _mixed((odd[:, None] * (1 - odd) + (1 - odd[:, None]) * odd).astype(np.float32))
+    return _mixed((odd[:, None] * (1 - odd) + (1 - odd[:, None]) * odd).astype(np.float32), tones)
 
 
-def line_chart(size: int = 512) -> NDArray[np.uint8]:
+def line_chart(size: int = 512, tones: tuple[int, int] = _PRINT) -> NDArray[np.uint8]:
     """The chart of line pairs: groups of elements, each smaller and inside the one before, and turned elements."""
     polygons = [_rectangle(0.02, 0.02, 0.98, 0.03), _rectangle(0.02, 0.97, 0.98, 0.98)]
     polygons += [_rectangle(0.02, 0.02, 0.03, 0.98), _rectangle(0.97, 0.02, 0.98, 0.98)]
@@ -45,7 +47,7 @@ def line_chart(size: int = 512) -> NDArray[np.uint8]:
         polygons += _turned(_element(number + 6), (0.11 + 0.135 * number, 0.83), 0.05, degrees)
         polygons += _turned(_element(number + 1), (0.09 + 0.09 * number, 0.91), 0.028, -degrees)
     polygons += _rays((0.83, 0.87), 0.08, 24)
-    return _printed(size, polygons)
+    return _printed(size, polygons, tones)
 
 
 def bricks(size: int = 512, courses: int = 16, seed: int = 5) -> NDArray[np.uint8]:
@@ -66,7 +68,7 @@ def bricks(size: int = 512, courses: int = 16, seed: int = 5) -> NDArray[np.uint
     return _stored(image.clip(0, 1))
 
 
-def text_page(size: int = 512, lines: int = 28, seed: int = 7) -> NDArray[np.uint8]:
+def text_page(size: int = 512, lines: int = 28, seed: int = 7, tones: tuple[int, int] = _PRINT) -> NDArray[np.uint8]:
     """A printed page: so many lines of words, flush left, with a heading."""
     page = np.zeros((size * _FINER, size * _FINER), np.uint8)
     random = np.random.default_rng(seed)
@@ -79,13 +81,18 @@ def text_page(size: int = 512, lines: int = 28, seed: int = 7) -> NDArray[np.uin
         while cv2.getTextSize(words, cv2.FONT_HERSHEY_COMPLEX, scale, thickness)[0][0] > right - left:
             words = words.rpartition(" ")[0]
         cv2.putText(page, words, (left, base), cv2.FONT_HERSHEY_COMPLEX, scale, 255, thickness, cv2.LINE_8)
-    return _mixed(_coverage(page))
+    return _mixed(_coverage(page), tones)
 
 
 TEXTURES: Mapping[str, Callable[[int], NDArray[np.uint8]]] = MappingProxyType(
     {"checkerboard": checkerboard, "line chart": line_chart, "bricks": bricks, "text page": text_page}
 )
 """By name; each is drawn at a number of texels along a side."""
+
+FULL_CONTRAST: Mapping[str, Callable[[int], NDArray[np.uint8]]] = MappingProxyType(
+    {name: draw if draw is bricks else partial(draw, tones=_EXTREMES) for name, draw in TEXTURES.items()}
+)
+"""The same with paper 255 and ink 0; bricks, which are no print, as they are."""
 
 _TEXT = (
     "a pixel that sees the ground from afar covers many texels and what it shows is their mean over its footprint the "
@@ -158,13 +165,13 @@ def _rays(centre: tuple[float, float], radius: float, count: int) -> Iterator[ND
         yield np.concatenate([np.zeros((1, 2)), rim]) + centre
 
 
-def _printed(size: int, polygons: Iterable[NDArray[np.float64]]) -> NDArray[np.uint8]:
+def _printed(size: int, polygons: Iterable[NDArray[np.float64]], tones: tuple[int, int]) -> NDArray[np.uint8]:
     """Polygons over [0, 1]^2, y down, as ink on paper."""
     raster = np.zeros((size * _FINER, size * _FINER), np.uint8)
     for polygon in polygons:
         cells = polygon * size * _FINER - 0.5  # cv2 counts from the centre of a cell
         cv2.fillPoly(raster, [np.rint(cells * 2**_SHIFT).astype(np.int32)], 255, cv2.LINE_8, _SHIFT)
-    return _mixed(_coverage(raster))
+    return _mixed(_coverage(raster), tones)
 
 
 def _coverage(raster: NDArray[np.uint8]) -> NDArray[np.float32]:
@@ -173,8 +180,8 @@ def _coverage(raster: NDArray[np.uint8]) -> NDArray[np.float32]:
     return raster.reshape(size, _FINER, size, _FINER).mean((1, 3), dtype=np.float32) / np.float32(255)
 
 
-def _mixed(coverage: NDArray[np.float32]) -> NDArray[np.uint8]:
-    light = srgb_to_linear(np.array([_PAPER, _PRINT]) / 255)
+def _mixed(coverage: NDArray[np.float32], tones: tuple[int, int]) -> NDArray[np.uint8]:
+    light = srgb_to_linear(np.array(tones) / 255)
     return _stored(np.repeat((light[0] + (light[1] - light[0]) * coverage)[..., None], 3, axis=2))
 
 
