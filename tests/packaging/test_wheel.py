@@ -66,7 +66,9 @@ def test_wheel_holds_schemas_shaders_and_both_packages(wheel):
         for path in (REPOSITORY / folder).rglob("*.*"):
             assert f"fexel/{path.relative_to(REPOSITORY)}" in names
     for package in (REPOSITORY / "plugin" / "fexel", REPOSITORY / "tools" / "fexel_tools"):
-        for path in package.rglob("*.py"):
+        for path in package.rglob("*.*"):
+            if path.is_dir() or path.parent.name == "__pycache__":
+                continue
             assert str(path.relative_to(package.parent)) in names
 
 

@@ -8,6 +8,7 @@ errors are computed from. Errors are root mean squares of sRGB-encoded values, a
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 from fexel.filters import FILTERS
 from fexel.filters.content import Content
 from fexel.filters.lookup import usable
-from fexel.filters.losses import CANDIDATES, MINORS, PORTABLE, RATIOS, SECTORS, Candidate, cells, errors
+from fexel.filters.losses import CANDIDATES, MINORS, PORTABLE, RATIOS, REFERENCE, SECTORS, Candidate, cells, errors
 from fexel.textures.footprint import Footprint
 
 if TYPE_CHECKING:
@@ -31,10 +32,12 @@ BOUND_DB = 40.0
 CHAINS = True
 """Chains may be wanted, as of a fipmap."""
 
-_PRICE = 1 / 8  # of a fetch, in squares of the bound: more is not spent on coming nearer to it
-_REFERENCE = Candidate("anisotropic", 16)
-_MARGIN_DB = 3.5  # by how much 16 probes may be better than foretold; fipmaps are hardly
-_STEPS_DB = np.arange(20.0, 80.0, 0.25)  # bounds that are tried
+_PRICE = 1 / 16  # of a fetch, in squares of the bound: more is not spent on coming nearer to it
+_SHARE = 0.5  # of the fetches of the reference
+_BETTER_DB = 6.0  # by how much the reference is to be foretold worse: it may be better than that, on a checkerboard
+_UNSEEN = 1 / 255**2 / 12  # squared error of rounding to eight bits
+_BOUNDS_DB = (10.0, 90.0)  # whose prices are tried
+_HALVINGS = 10  # of their distance
 _Ints = NDArray[np.int64]
 _Floats = NDArray[np.float64]
 
@@ -76,7 +79,7 @@ def predict(jacobian: _Floats, content: Content) -> dict[str, _Floats]:
     Returns
     -------
     dict of token to (K,) float64
-        Root mean square of sRGB-encoded values in [0, 1]: anisotropic of 16 probes, fipmap of 4 accesses. An
+        Root mean square of sRGB-encoded values in [0, 1]: anisotropic of 8 probes, fipmap of 4 accesses. An
         expectation over many places; an image of few frequencies (a checkerboard) is off by up to a factor of two.
     """
     places = cells(jacobian)
@@ -91,8 +94,8 @@ def decide(content: Content, bound_db: float | None = None) -> tuple[NDArray[np.
     ----------
     content : Content
     bound_db : float, optional
-        Error to stay below, as `decibels`; by default what 16 anisotropic probes have on a floor that is
-        seen to the horizon. Beyond reach, or where only many more fetches would do, it is come near to.
+        Error to stay below, as `decibels`; beyond reach, or where only many more fetches would do, it is come near to.
+        By default as little error as half the fetches of 16 anisotropic probes buy on a floor seen to the horizon.
 
     Returns
     -------
@@ -105,36 +108,62 @@ def decide(content: Content, bound_db: float | None = None) -> tuple[NDArray[np.
     squares = np.stack([found[candidate] ** 2 for candidate in CANDIDATES])
     ratio = np.exp2(np.arange(RATIOS) / 2)[None, :, None]
     cost = np.stack([np.broadcast_to(candidate.fetches(ratio), squares.shape[1:]) for candidate in CANDIDATES])
-    if bound_db is None:
-        bound_db = _as_good_as(found[_REFERENCE] ** 2, squares, cost)
-    chosen = _cheapest(squares, cost, bound_db)
-    return chosen.astype(np.uint8), np.sqrt(np.take_along_axis(squares, chosen[None], axis=0)[0])
+    chosen = _half(found[REFERENCE] ** 2, squares, cost) if bound_db is None else _cheapest(squares, cost, bound_db)
+    return chosen.astype(np.uint8), np.sqrt(_of(chosen, squares))
+
+
+def _of(chosen: _Ints, values: _Floats) -> _Floats:
+    return np.take_along_axis(values, chosen[None], axis=0)[0]
 
 
 def _cheapest(squares: _Floats, cost: _Floats, bound_db: float) -> _Ints:
     bound = 10 ** (-bound_db / 10)
-    return np.argmin(np.maximum(squares - bound, 0.0) + _PRICE * bound * cost, axis=0)
+    return np.argmin(np.maximum(squares - bound, 0.0) + _price(bound_db) * cost, axis=0)
 
 
-def _as_good_as(reference: _Floats, squares: _Floats, cost: _Floats) -> float:
-    """The loosest bound, dB, with which a floor is as good as the reference."""
-    floor = _floor()
-    asked = np.sum(floor * reference) * 10 ** (-_MARGIN_DB / 10)
-    for bound_db in _STEPS_DB.tolist():
-        chosen = _cheapest(squares, cost, bound_db)
-        if np.sum(floor * np.take_along_axis(squares, chosen[None], axis=0)[0]) <= asked:
-            return bound_db
-    return float(_STEPS_DB[-1])
+def _half(reference: _Floats, squares: _Floats, cost: _Floats) -> _Ints:
+    """The least squared error of floors for `_SHARE` of the fetches of the reference.
 
-
-def _floor() -> _Floats:
-    """(RATIOS, MINORS): shares of the pixels of a floor from 20 degrees on to the horizon.
-
-    The ratio of axes is in inverse proportion to the rows below the horizon, the minor axis in proportion to the ratio:
-    1/4 texel a pixel straight below the camera.
+    On a floor the minor axis is in proportion to the ratio of the axes: a camera's height is a diagonal of the table.
+    All footprints of a diagonal have one price, so that a fetch is spent where it gains most. Less is spent where what
+    is left can neither be seen nor be worse than the reference.
     """
-    ratio, minor = np.arange(RATIOS)[:, None], np.arange(MINORS)[None] - 2  # half octaves
-    return np.where((ratio >= 3) & (minor - ratio == -4), np.exp2(-0.5 * ratio), 0.0)
+    ratio = np.arange(RATIOS)[:, None]
+    heights = np.arange(1 - RATIOS, MINORS)
+    place = np.s_[..., ratio, np.clip(ratio + heights, 0, MINORS - 1)]
+    floor = _floor()[:, None]
+    most = _SHARE * np.sum(floor * REFERENCE.fetches(np.exp2(ratio / 2)))
+    enough = np.minimum(_UNSEEN, _mean(reference[place], floor) * 10 ** (-_BETTER_DB / 10))
+    low, high = (np.full(len(heights), bound_db) for bound_db in _BOUNDS_DB)
+    for _ in range(_HALVINGS):
+        middle = (low + high) / 2
+        chosen = np.argmin(squares[place] + _price(middle) * cost[place], axis=0)
+        tighter = _mean(_of(chosen, cost[place]), floor) <= most
+        tighter &= _mean(_of(chosen, squares[place]), floor) > enough
+        low, high = np.where(tighter, middle, low), np.where(tighter, high, middle)
+    return np.argmin(squares + _price(low)[np.arange(MINORS) - ratio + RATIOS - 1] * cost, axis=0)
+
+
+def _price(bound_db: _Floats | float) -> _Floats:
+    """Of a fetch, in squared errors."""
+    return _PRICE * 10 ** (-np.asarray(bound_db) / 10)
+
+
+def _mean(values: _Floats, floor: _Floats) -> _Floats:
+    """(D,) of (SECTORS, RATIOS, D)."""
+    return np.sum(floor * values.mean(axis=0), axis=0)
+
+
+@functools.cache
+def _floor() -> _Floats:
+    """(RATIOS,): shares of the pixels of a floor.
+
+    A camera 60 degrees wide looks along the horizon; seen is what lies below it, down to 20 degrees.
+    """
+    side, down = np.meshgrid(np.linspace(-1, 1, 65) * np.tan(np.pi / 6), np.linspace(0.003, np.tan(np.pi / 9), 128))
+    jacobian = np.zeros((side.size, 2, 2))
+    jacobian[:, 0, 0], jacobian[:, 0, 1], jacobian[:, 1, 1] = (v.ravel() for v in (1 / down, side / down**2, down**-2))
+    return np.bincount(cells(jacobian)[1], minlength=RATIOS) / side.size
 
 
 def choose(jacobian: _Floats, content: Content, bound_db: float | None = None) -> Choice:

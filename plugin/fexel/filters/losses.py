@@ -1,4 +1,4 @@
-"""What every filter loses of every frequency, for a table of footprints; for all images, made once.
+"""What every filter loses of every frequency, for a table of footprints; for all images, kept in a file of the package.
 
 Cells of the table are footprints: sector of the major axis, ratio of the axes, minor axis. A cell's losses are
 integrals of `fexel.filters.transfer` over the rings and sectors of `fexel.filters.content`, along the footprint's own
@@ -8,16 +8,30 @@ axes: what a long footprint keeps is a strip of the frequency plane much narrowe
 from __future__ import annotations
 
 import functools
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fexel.filters import content, fipmap, ripmap, transfer
+from fexel.filters import content, fipmap, loss_table, ripmap, transfer
 from fexel.filters.lookup import Choice, Taps, usable
 from fexel.textures.footprint import Footprint
 
-__all__ = ["CANDIDATES", "MINORS", "PORTABLE", "RATIOS", "SECTORS", "Candidate", "cells", "errors"]
+__all__ = [
+    "CANDIDATES",
+    "MINORS",
+    "PORTABLE",
+    "RATIOS",
+    "REFERENCE",
+    "SECTORS",
+    "STORED",
+    "Candidate",
+    "cells",
+    "computed",
+    "errors",
+    "footprints",
+]
 
 SECTORS = 16
 """Of the major axis, half a turn from -45 degrees on: tangents to the nearer axis in steps of 1/4."""
@@ -64,12 +78,24 @@ CANDIDATES = (
 
 PORTABLE = (
     Candidate("mipmap", 1),
-    Candidate("anisotropic", 16),
+    Candidate("anisotropic", 8),
     Candidate("ripmap", ripmap.PROBES),
     Candidate("fipmap", fipmap.PROBES),
 )
 """The filters of stages as they are drawn unless asked otherwise."""
 
+REFERENCE = Candidate("anisotropic", 16)
+"""What `auto` is to be as good as."""
+
+STORED = (
+    *CANDIDATES,
+    Candidate("anisotropic", 8),
+    Candidate("anisotropic", 16),
+    Candidate("ripmap", ripmap.PROBES),
+)
+"""All of these, in the order of the file (`fexel.filters.loss_table`)."""
+
+_QUARTERS = 5  # of the tangent, from 0 to 1
 _EXACT = 6  # minor axes whose level may be 0; of greater ones only the two of an octave
 _FINER = MINORS - _EXACT - 2  # rings beyond the finest, for these
 _STEPS = (0, 1, 2, 3, 4, 6, 8, 10, 12, 14)  # of RATIOS that are computed; what lies between is their mean
@@ -94,7 +120,7 @@ def cells(jacobian: _Floats) -> tuple[NDArray[np.int64], NDArray[np.int64], NDAr
 
 
 def errors(energy: _Floats) -> dict[Candidate, _Floats]:
-    """Root mean square to expect of `CANDIDATES` and `PORTABLE` ones for an image's energy.
+    """Root mean square to expect of `CANDIDATES`, `PORTABLE` ones and the `REFERENCE` for an image's energy.
 
     Parameters
     ----------
@@ -137,35 +163,33 @@ def _alike(quarter: int) -> list[tuple[int, NDArray[np.int64]]]:
     return [(sector % SECTORS, order % content.SECTORS) for sector, order in places]
 
 
-@functools.cache
-def _losses() -> dict[Candidate, NDArray[np.float32]]:
-    """(quarters, steps, sizes, rings, sectors) of each candidate: what all images have in common."""
-    quarters, sizes = np.arctan((np.arange(5) + _TILTED) / 4), np.exp2(np.arange(_EXACT + 2) / 2 - 1)
-    shape = len(quarters), len(_STEPS), len(sizes), _FINER + content.RINGS, content.SECTORS
-    known: dict[tuple[Candidate, transfer.Axes], _Floats] = {}
+def computed(candidate: Candidate, footprints: Sequence[transfer.Axes]) -> NDArray[np.float32]:
+    """(F, rings, sectors): what a candidate loses of F footprints, anew; rings from finer ones than an image's on."""
+    return np.array([_integrals(_as_good_as(candidate, axes), axes) for axes in footprints], np.float32)
 
-    def row(candidate: Candidate, axes: transfer.Axes) -> _Floats:
-        key = _as_good_as(candidate, axes), axes
-        if key not in known:
-            known[key] = _integrals(*key)
-        return known[key]
 
-    footprints = [
+def footprints() -> list[transfer.Axes]:
+    """Those of the table: by quarter, step of the ratio, minor axis."""
+    quarters, sizes = np.arctan((np.arange(_QUARTERS) + _TILTED) / 4), np.exp2(np.arange(_EXACT + 2) / 2 - 1)
+    return [
         transfer.Axes(2.0 ** (step / 2) * minor, minor, angle)
         for angle in quarters.tolist()
         for step in _STEPS
         for minor in sizes.tolist()
     ]
-    return {
-        candidate: np.array([row(candidate, axes) for axes in footprints], np.float32).reshape(shape)
-        for candidate in dict.fromkeys((*CANDIDATES, *PORTABLE))
-    }
+
+
+@functools.cache
+def _losses() -> dict[Candidate, NDArray[np.float32]]:
+    """(quarters, steps, sizes, rings, sectors) of each candidate: what all images have in common."""
+    shape = _QUARTERS, len(_STEPS), _EXACT + 2, _FINER + content.RINGS, content.SECTORS
+    return dict(zip(STORED, loss_table.read((len(STORED), *shape)), strict=True))
 
 
 def _as_good_as(candidate: Candidate, axes: transfer.Axes) -> Candidate:
     """Another candidate that takes the same for a footprint which needs no more."""
     enough = candidate.token in ("mipmap", "anisotropic") and axes.major <= candidate.probes * axes.minor
-    return Candidate("anisotropic", 16) if enough else candidate
+    return REFERENCE if enough else candidate
 
 
 def _integrals(candidate: Candidate, axes: transfer.Axes) -> _Floats:
