@@ -1,5 +1,5 @@
 // Lookups in chains of prefiltered images (fexel/filters/chain.py). Included by image.glsl, for ripmap and fipmap.
-// Provides ChainRows, chain_rows, chain_along_x, chain_level, chain_seen, chain_octaves, ChainExtent, chain_plain, chain_extent, ChainCell, chain_cell, chain_page, chain_access,
+// Provides ChainRows, chain_rows, chain_along_x, chain_level, chain_seen, chain_octaves, ChainExtent, chain_plain, chain_extent, ChainCell, chain_cell, chain_page,
 // ChainBoxes, chain_boxes, chain_box. Twin of fexel/filters/lookup.py.
 //
 // A footprint is moved along a direction (fexel/filters/shears.py). A cell of that direction has texels that are 2^level
@@ -213,11 +213,6 @@ vec2 chain_page(ChainCell cell, vec2 at)
 #endif
     vec2 page = cell.begin + cell.size * at;
     return cell.alongX ? page : page.yx;
-}
-
-vec4 chain_access(Image image, ChainCell cell, vec2 at)
-{
-    return image_page(image, chain_page(cell, at));
 }
 
 // A trapezoid along the long axis: of the footprint, convolved with a texel. Two neighbouring texels are one access.

@@ -63,8 +63,8 @@ vec4 filter_fipmap(Image image, vec2 uv, vec2 dx, vec2 dy, float maxProbes, out 
     GaussPoints points = gauss_points(rows, root, major, minor);
     vec2 sides = extent.sides * (cell.texel.x * cell.count);
     float falloff = -0.5 / max(0.25 * dot(sides, sides) - GAUSS_TEXEL, GAUSS_LEAST_VARIANCE);
-    vec4 sum = vec4(0.0);
-    float total = 0.0;
+    // Places before accesses, for llvmpipe keeps in memory what it needs beyond one.
+    vec3 access[IMAGE_ACCESSES];
     for (int i = 0; i < IMAGE_ACCESSES; ++i) {
         float left = boxes.first + 2.0 * float(i);
         float near = exp(falloff * left * left);
@@ -73,8 +73,13 @@ vec4 filter_fipmap(Image image, vec2 uv, vec2 dx, vec2 dy, float maxProbes, out 
         vec2 corner = (i & 2) == 0 ? -points.along : points.along;
         corner += (i & 1) == 0 ? -points.across : points.across;
         float weight = compact ? (i < 4 ? 1.0 : 0.0) : both;
-        sum += weight * chain_access(image, cell, cell.at + (compact ? corner * cell.texel : chained));
-        total += weight;
+        access[i] = vec3(chain_page(cell, cell.at + (compact ? corner * cell.texel : chained)), weight);
+    }
+    vec4 sum = vec4(0.0);
+    float total = 0.0;
+    for (int i = 0; i < IMAGE_ACCESSES; ++i) {
+        sum += access[i].z * image_page(image, access[i].xy);
+        total += access[i].z;
     }
     LOOKUP_COUNT(4.0 * GAUSS_ACCESSES);
     return sum / total;
