@@ -274,6 +274,11 @@ def test_unknown_filter_of_the_renderer_lists_the_valid_ones():
         Renderer(filter="cubic")
 
 
+def test_unknown_kernel_of_the_renderer_lists_the_valid_ones():
+    with pytest.raises(FexelError, match="filter kernel: 'tent', expected one of box, gauss"):
+        Renderer(filter_kernel="tent")
+
+
 @pytest.mark.parametrize("anisotropy", [0, 17])
 def test_anisotropy_outside_of_its_range_is_an_error(anisotropy):
     with pytest.raises(FexelError, match=f"anisotropy: {anisotropy}, expected 1 to 16"):

@@ -395,3 +395,16 @@ def test_patch_that_is_too_small_to_be_seen_needs_nothing(tmp_path, rng, filter)
     with Renderer(filter=filter) as renderer:
         images = renderer.render(stage, width=16, height=16, aovs=("filter", "patch"))
     assert (images["filter"] == FILTERS.index(filter)).all() and (images["patch"] == 0).all()
+
+
+def test_kernel_changes_fipmaps_and_nothing_else(tmp_path, rng):
+    stage = look_askew(textured(tmp_path, rng, st=12 * np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]])))
+    pictures, fetches = {}, {}
+    for token in ("fipmap", "anisotropic"):
+        for kernel in ("box", "gauss"):
+            with Renderer(filter=token, filter_kernel=kernel) as renderer:
+                images = renderer.render(stage, width=64, height=64, samples=1, aovs=("color", "fetches"))
+            pictures[token, kernel], fetches[token, kernel] = images["color"], images["fetches"].max()
+    assert (fetches["fipmap", "box"], fetches["fipmap", "gauss"]) == (16, 20)
+    assert np.abs(pictures["fipmap", "gauss"] - pictures["fipmap", "box"]).max() > 1e-3
+    np.testing.assert_array_equal(pictures["anisotropic", "gauss"], pictures["anisotropic", "box"])

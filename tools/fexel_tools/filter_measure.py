@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 
 from fexel import mipmaps
 from fexel.errors import FexelError, FexelWarning
+from fexel.filters import FILTERS
 from fexel.filters.chain_layout import ChainLayout
-from fexel.filters.shears import DIRECTIONS
+from fexel.filters.shears import DIRECTIONS, FINE_DIRECTIONS
 from fexel.filters.twin import FilterTwin
 from fexel.renderer.context import GLContext
 from fexel_tools.color_error import ciede2000
@@ -30,7 +31,21 @@ from fexel_tools.filter_views import FilterView
 from fexel_tools.pinchmap_measure import psnr_db
 from fexel_tools.progress import Progress, silent
 
-__all__ = ["GAUSS_PIXELS", "Measured", "ViewPictures", "error_of", "measure", "memory_ratio"]
+__all__ = [
+    "COMPARED",
+    "GAUSS_FIPMAP",
+    "GAUSS_PIXELS",
+    "Measured",
+    "ViewPictures",
+    "error_of",
+    "measure",
+    "memory_ratio",
+]
+
+GAUSS_FIPMAP = "fipmap-gauss"
+"""The fipmap whose kernel is a Gaussian: what the renderer draws with ``--filterKernel gauss``."""
+
+COMPARED = (*FILTERS, GAUSS_FIPMAP)
 
 GAUSS_PIXELS = 256
 """Pixels of a view that are compared with the Gaussian truth: it costs the area of a footprint, not its outline."""
@@ -68,8 +83,8 @@ def memory_ratio(token: str, size: tuple[int, int], wrap: tuple[str, str]) -> fl
         mipmaps.level_size(width, level) * mipmaps.level_size(height, level)
         for level in range(mipmaps.level_count(width, height))
     )
-    if token in ("ripmap", "fipmap", "auto"):
-        for number, direction in enumerate(DIRECTIONS):
+    if token in ("ripmap", "fipmap", "auto", GAUSS_FIPMAP):
+        for number, direction in enumerate(FINE_DIRECTIONS if token == GAUSS_FIPMAP else DIRECTIONS):
             if token != "ripmap" or direction.shear == 0:
                 layout = ChainLayout.of(number, size, wrap)
                 texels += sum(int(np.prod(layout.cell_size(cell))) for cell in layout.cells)
@@ -93,7 +108,7 @@ def measure(
     subject : Subject
     views : sequence of FilterView
     filters : sequence of str
-        Of `fexel.filters.FILTERS`.
+        Of `COMPARED`.
     pixels : int
         Side of the pictures.
     anisotropy : float
@@ -182,6 +197,7 @@ class _Drawer:
         if self._gl is None:
             return self._computed(token, xy, jacobians)
         source, vectors = self._subject.source, self._subject.vectors
+        token, kernel = ("fipmap", "gauss") if token == GAUSS_FIPMAP else (token, "box")
         xy = xy % (2 * np.array(self._subject.size)) if source.wrap[0] in ("repeat", "mirror") else xy  # float32 there
         looked = look_up(
             self._gl,
@@ -192,6 +208,7 @@ class _Drawer:
             memory_mb=_MEMORY_MB,
             anisotropy=self._anisotropy,
             vectors=vectors,
+            kernel=kernel,
             seen=(jacobian[None, None], *_bounds(xy, jacobian, self._subject.size)),
         )
         return looked.color, float(looked.fetches.mean())
@@ -200,5 +217,7 @@ class _Drawer:
         if self._twin is None:
             self._twin = FilterTwin(self._subject.image, self._subject.source.wrap, vectors=self._subject.vectors)
         options = {"probes": int(self._anisotropy)} if token == "anisotropic" else {}
+        if token == GAUSS_FIPMAP:
+            token, options = "fipmap", {"gauss": True}
         values, fetches = self._twin.sample(token, xy, jacobians, **options)
         return values.astype(np.float32), float(np.mean(fetches))

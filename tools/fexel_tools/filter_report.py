@@ -13,7 +13,8 @@
 the mean colour difference; of data (``--raw``, ``--normal-map``) values are compared as they are and `ciede2000` is
 null. Truths are the mean over the pixel's preimage (`box`) and one weighted by a Gaussian of half a pixel's standard
 deviation (`gauss`), of as many pixels as `pixels` says. `fetches` is texels per pixel, `memory` the texels of all that
-the filter may read, as a multiple of the image's.
+the filter may read, as a multiple of the image's. Filters are those of `fexel.filters`, and ``fipmap-gauss``: the
+fipmap as ``fexel render --filterKernel gauss`` draws it.
 """
 
 from __future__ import annotations
@@ -27,8 +28,7 @@ from typing import Any
 import numpy as np
 
 from fexel.errors import FexelError
-from fexel.filters import FILTERS
-from fexel_tools.filter_measure import GAUSS_PIXELS, Measured, measure
+from fexel_tools.filter_measure import COMPARED, GAUSS_FIPMAP, GAUSS_PIXELS, Measured, measure
 from fexel_tools.filter_sheet import SheetPart, write_sheet
 from fexel_tools.filter_subject import WRAPS, Subject, open_subject
 from fexel_tools.filter_views import AZIMUTHS, MINOR, FilterView, check_angles, fan
@@ -47,7 +47,7 @@ class FilterOptions:
     elevations, azimuths : tuple of float
         Degrees; a view for every pair.
     filters : tuple of str
-        Of `fexel.filters.FILTERS`.
+        Of `fexel_tools.filter_measure.COMPARED`.
     pixels : int
         Side of the pictures, 16 to 512.
     texels : int
@@ -62,7 +62,7 @@ class FilterOptions:
 
     elevations: tuple[float, ...] = (90.0, 45.0, 20.0, 10.0, 5.0, 2.0, 1.0)
     azimuths: tuple[float, ...] = AZIMUTHS[::2]
-    filters: tuple[str, ...] = FILTERS
+    filters: tuple[str, ...] = COMPARED
     pixels: int = 128
     texels: int = 1024
     wrap: str = "repeat"
@@ -141,12 +141,13 @@ def compare_filters(
 
 
 def summary(report: FilterReport) -> list[str]:
-    """A table for the terminal: filters over elevations, mean PSNR against the box truth, dB."""
+    """A table for the terminal: filters over elevations, PSNR in dB against the box truth (of Gaussians, theirs)."""
     elevations = sorted({figure.view.elevation for figure in report.figures}, reverse=True)
     filters = list(dict.fromkeys(figure.filter for figure in report.figures))
     lines = [f"{'filter':12}{'fetches':>9}{'memory':>8}" + "".join(f"{e:>7g}" for e in elevations) + "  degrees: dB"]
     for token in filters:
-        own = [figure for figure in report.figures if figure.filter == token and figure.truth == "box"]
+        truth = "gauss" if token == GAUSS_FIPMAP else "box"
+        own = [figure for figure in report.figures if figure.filter == token and figure.truth == truth]
         cells = [np.mean([f.psnr_db for f in own if f.view.elevation == elevation]) for elevation in elevations]
         fetches, memory = np.mean([f.fetches for f in own]), np.mean([f.memory for f in own])
         lines.append(f"{token:12}{fetches:9.1f}{memory:8.2f}" + "".join(f"{cell:7.1f}" for cell in cells))
@@ -172,10 +173,10 @@ def _check(
         raise FexelError("filters: no image given, expected at least one")
     check_angles(options.elevations, options.azimuths)
     for token in options.filters:
-        if token not in FILTERS:
-            raise FexelError(f"--filters: '{token}', expected some of {', '.join(FILTERS)}")
+        if token not in COMPARED:
+            raise FexelError(f"--filters: '{token}', expected some of {', '.join(COMPARED)}")
     if not options.filters:
-        raise FexelError(f"--filters: none given, expected some of {', '.join(FILTERS)}")
+        raise FexelError(f"--filters: none given, expected some of {', '.join(COMPARED)}")
     if options.wrap not in WRAPS:
         raise FexelError(f"--wrap: '{options.wrap}', expected one of {', '.join(WRAPS)}")
     limits = (

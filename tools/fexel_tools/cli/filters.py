@@ -29,7 +29,7 @@ def _filters(
     ] = "0,30,60",
     filters: Annotated[
         str, typer.Option("--filters", help="Which to compare.")
-    ] = "mipmap,anisotropic,ripmap,fipmap,ewa,auto",
+    ] = "mipmap,anisotropic,ripmap,fipmap,ewa,auto,fipmap-gauss",
     size: Annotated[int, typer.Option("--size", help="Side of a picture, pixels, 16 to 512.")] = 128,
     texels: Annotated[
         int, typer.Option("--texels", help="Of larger images the middle is taken: most texels a side, 16 to 8192.")
