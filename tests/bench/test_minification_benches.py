@@ -64,9 +64,9 @@ def test_cost_is_over_that_of_one_lookup(monkeypatch):
 
 def test_database_is_made_found_and_weighed(tmp_path, monkeypatch):
     monkeypatch.setattr(minification_database, "_REPEATS", 1)
-    file = minification_database._picture(tmp_path / "picture.png", 128, "uint8")
+    file = minification_database._picture(tmp_path / "picture.png", 512, "uint8")  # smaller ones are not kept
     rows = [*minification_database._six_shears("small", file, True)]
-    rows += minification_database._all_directions("small", file, 128)
+    rows += minification_database._all_directions("small", file, 512)
     assert [row.unit for row in rows] == ["s", "s", "MB", "x", "MB"]
     assert all(row.value > 0 for row in rows if "peak" not in row.measure)  # small ones fit into what is there
     assert 10 < rows[3].value < 12
