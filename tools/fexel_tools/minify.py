@@ -25,7 +25,7 @@ from fexel.errors import FexelError
 from fexel.filters import PORTABLE_FILTERS
 from fexel.schema.minification import TextureMinificationAPI
 from fexel.stage import open_stage
-from fexel_tools.minify_auto import BOUND_DB, UNSEEN, FilterChoice, choose_filter
+from fexel_tools.minify_auto import BOUND_DB, UNSEEN, FilterChoice, choose_filter, unjudged
 from fexel_tools.minify_textures import FoundTexture, each_texture, holds_data
 from fexel_tools.minify_views import SeenFootprints, seen_footprints
 from fexel_tools.progress import Progress, silent
@@ -194,26 +194,38 @@ def _limit(stage: Usd.Stage, source: Path, path: str) -> Sdf.Path:
     return Sdf.Path(path)
 
 
-def _seen(stage: Usd.Stage, options: MinifyOptions, step: Progress) -> dict[Sdf.Path, list[SeenFootprints]]:
-    """Where a filter has to be chosen: how cameras see each texture, by its path outside of instances."""
-    if options.filter != AUTO:
-        return {}
-    by_path: dict[Sdf.Path, list[SeenFootprints]] = {}
-    for path, pictures in seen_footprints(stage, options.width, step).items():
-        by_path.setdefault(_shared_path(stage.GetPrimAtPath(path)), []).extend(pictures)
-    return by_path
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """How cameras see textures, and why some cannot be seen; by their paths outside of instances."""
+
+    pictures: dict[Sdf.Path, list[SeenFootprints]] = field(default_factory=dict)
+    unplaced: dict[Sdf.Path, str] = field(default_factory=dict)
+
+
+def _seen(stage: Usd.Stage, options: MinifyOptions, step: Progress) -> _Seen:
+    """What is seen, where a filter has to be chosen."""
+    result = _Seen()
+    if options.filter == AUTO:
+        found = seen_footprints(stage, options.width, step)
+        for path, pictures in found.footprints.items():
+            result.pictures.setdefault(_shared_path(stage.GetPrimAtPath(path)), []).extend(pictures)
+        for path, reason in found.unplaced.items():
+            result.unplaced.setdefault(_shared_path(stage.GetPrimAtPath(path)), reason)
+    return result
 
 
 def _shared_path(prim: Usd.Prim) -> Sdf.Path:
     return (prim.GetPrimInPrototype() if prim.IsInstanceProxy() else prim).GetPath()
 
 
-def _choice(prim: Usd.Prim, seen: dict[Sdf.Path, list[SeenFootprints]], options: MinifyOptions) -> FilterChoice | None:
+def _choice(prim: Usd.Prim, seen: _Seen, options: MinifyOptions) -> FilterChoice | None:
     """What is chosen for a texture; None where the user has."""
     if options.filter != AUTO:
         return None
-    pictures = seen.get(_shared_path(prim))
-    return choose_filter(prim, pictures, options.bound_db) if pictures else UNSEEN
+    path = _shared_path(prim)
+    if pictures := seen.pictures.get(path):
+        return choose_filter(prim, pictures, options.bound_db)
+    return unjudged(seen.unplaced[path]) if path in seen.unplaced else UNSEEN
 
 
 def _values(options: MinifyOptions, is_data: bool) -> dict[str, tuple[Sdf.ValueTypeName, Any]]:

@@ -2,7 +2,8 @@
 
 What the image holds and at which footprints the stage's cameras see it foretell the error of every filter
 (`fexel.filters.auto`), as a root mean square over each picture; the worst picture counts. Chosen is the filter that
-fetches least of those below the bound, at equal cost the one that takes least memory. Where none is good enough, what
+fetches least of those below the bound, at equal cost the one that takes least memory. Anisotropic is what is drawn
+unless more probes are asked for. Where none is good enough, what
 comes within one decibel of the best counts as good.
 """
 
@@ -18,6 +19,7 @@ from pxr import Usd
 from fexel.errors import FexelError
 from fexel.filters import PORTABLE_FILTERS, auto, fipmap, ripmap
 from fexel.filters.content import Content, measure
+from fexel.renderer.api import DEFAULT_ANISOTROPY
 from fexel.schema.wrapper import is_a
 from fexel.textures import extract_texture
 from fexel.textures.footprint import Footprint
@@ -28,15 +30,15 @@ from fexel_tools.baking import texture_baker
 from fexel_tools.minify_textures import holds_data
 from fexel_tools.minify_views import SeenFootprints
 
-__all__ = ["BOUND_DB", "UNSEEN", "FilterChoice", "choose_filter"]
+__all__ = ["BOUND_DB", "UNSEEN", "FilterChoice", "choose_filter", "unjudged"]
 
 BOUND_DB = 40.0
 """Peak signal-to-noise ratio over a picture that is good enough by default: an error of 2.5 of 255 steps."""
 
 _PICTURE = 2048  # texels along the longer side of what stands for a fexel texture
-_PROBES = 16  # of the anisotropic filter whose error is foretold
 _LEAST = 64.0  # pixels: of a picture that shows less of a texture nothing is said
 _WORTH_DB = 1.0
+_MARGIN_DB = 2.5  # by which a picture may be worse than foretold; measured on a painting, less on charts and noise
 
 
 @dataclass(frozen=True)
@@ -59,6 +61,11 @@ class FilterChoice:
 UNSEEN = FilterChoice("anisotropic", "no camera sees it")
 
 
+def unjudged(reason: str) -> FilterChoice:
+    """What a texture gets of which nothing can be foretold."""
+    return FilterChoice("anisotropic", f"cannot be judged: {reason}")
+
+
 def choose_filter(texture: Usd.Prim, pictures: Sequence[SeenFootprints], bound_db: float) -> FilterChoice:
     """The cheapest filter for a texture.
 
@@ -76,19 +83,17 @@ def choose_filter(texture: Usd.Prim, pictures: Sequence[SeenFootprints], bound_d
         return UNSEEN
     found = _content(texture)
     if found is None:
-        return FilterChoice("anisotropic", "it has no image that can be judged")
+        return unjudged("it has no image that can be read")
     content, size = found
     jacobians = [_texels(seen.jacobian, size) for seen in pictures]
     errors = [auto.predict(jacobian, content) for jacobian in jacobians]
     worst = {token: max(_rms(error[token]) for error in errors) for token in PORTABLE_FILTERS}
     decibels = {token: float(auto.decibels(worst[token])) for token in PORTABLE_FILTERS}
     cost = _fetches(np.concatenate(jacobians))
-    enough = min(bound_db, max(decibels.values()) - _WORTH_DB)
-    chosen = min((t for t in PORTABLE_FILTERS if decibels[t] >= enough), key=lambda t: (round(cost[t]), _MEMORY[t]))
+    enough = min(bound_db + _MARGIN_DB, max(decibels.values()) - _WORTH_DB)
+    by_memory = (token for token in PORTABLE_FILTERS if decibels[token] >= enough)  # least first, whatever the wrap
+    chosen = min(by_memory, key=lambda token: round(cost[token]))
     return FilterChoice(chosen, f"predicted {decibels[chosen]:.1f} dB", decibels)
-
-
-_MEMORY = {"mipmap": 1.33, "anisotropic": 1.33, "ripmap": 4.0, "fipmap": 12.0}
 
 
 def _content(texture: Usd.Prim) -> tuple[Content, tuple[int, int]] | None:
@@ -119,7 +124,7 @@ def _fetches(jacobian: NDArray[np.float64]) -> dict[str, float]:
     """Texels fetched per pixel, on average; all pictures count alike."""
     return {
         "mipmap": 8.0,
-        "anisotropic": float(8.0 * np.mean(Footprint.of(jacobian).probes(_PROBES))),
+        "anisotropic": float(8.0 * np.mean(Footprint.of(jacobian).probes(DEFAULT_ANISOTROPY))),
         "ripmap": 4.0 * ripmap.PROBES,
         "fipmap": 4.0 * fipmap.PROBES,
     }

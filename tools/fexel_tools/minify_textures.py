@@ -128,9 +128,10 @@ def _variant_sets(
 def _selection(stage: Usd.Stage, path: Sdf.Path, name: str, variant: str) -> Iterator[None]:
     """Select a variant in the session layer."""
     session = stage.GetSessionLayer()
-    spec = Sdf.CreatePrimInLayer(session, path)
-    before = dict(spec.variantSelections).get(name)
-    spec.variantSelections[name] = variant
+    with Sdf.ChangeBlock():  # the stage is composed again once
+        spec = Sdf.CreatePrimInLayer(session, path)
+        before = dict(spec.variantSelections).get(name)
+        spec.variantSelections[name] = variant
     try:
         yield
     finally:

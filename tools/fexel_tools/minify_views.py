@@ -26,7 +26,7 @@ from fexel.scene import SceneReader, image_height
 from fexel.scene.model import Draw, Texture
 from fexel_tools.progress import Progress
 
-__all__ = ["SeenFootprints", "seen_footprints"]
+__all__ = ["SeenFootprints", "SeenTextures", "seen_footprints"]
 
 _TIMES = 5  # of an animated stage
 _COLUMNS = 192  # of the grid, at most
@@ -49,8 +49,24 @@ class SeenFootprints:
     pixels: float
 
 
-def seen_footprints(stage: Usd.Stage, width: int, step: Progress) -> dict[str, list[SeenFootprints]]:
-    """Footprints by the path of each texture that a camera sees, one entry per picture.
+@dataclass(frozen=True, eq=False)
+class SeenTextures:
+    """How cameras see the textures of a stage.
+
+    Attributes
+    ----------
+    footprints : dict of str to list of SeenFootprints
+        By the path of each texture that a camera sees, one entry per picture.
+    unplaced : dict of str to str
+        By the path of a texture, what a prim lacks that it is to be seen on; it cannot be drawn there.
+    """
+
+    footprints: dict[str, list[SeenFootprints]]
+    unplaced: dict[str, str]
+
+
+def seen_footprints(stage: Usd.Stage, width: int, step: Progress) -> SeenTextures:
+    """At which footprints cameras see the textures of a stage.
 
     Parameters
     ----------
@@ -59,7 +75,8 @@ def seen_footprints(stage: Usd.Stage, width: int, step: Progress) -> dict[str, l
         Of the pictures that are meant, pixels.
     step : callable(step, done, total)
     """
-    reader = SceneReader(stage)
+    unplaced: dict[str, str] = {}
+    reader = SceneReader(stage, lacking=unplaced)
     shots = [(camera, time) for camera in reader.cameras() or (None,) for time in _times(stage)]
     found: dict[str, list[SeenFootprints]] = {}
     for number, (camera, time) in enumerate(shots):
@@ -67,7 +84,7 @@ def seen_footprints(stage: Usd.Stage, width: int, step: Progress) -> dict[str, l
         for path, seen in _picture(reader, camera, time, width).items():
             found.setdefault(path, []).append(seen)
     step("views", len(shots), len(shots))
-    return found
+    return SeenTextures(found, unplaced)
 
 
 def _times(stage: Usd.Stage) -> list[float | None]:

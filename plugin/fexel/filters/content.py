@@ -5,8 +5,8 @@ Fourier transforms of a few windows of each mip level. What a filter gets wrong 
 the squared difference between its transfer function and that of the truth (`fexel.filters.transfer`), so that an error
 can be foretold per footprint without looking at a texel.
 
-Linear light becomes encoded light by the slope of the transfer function at the local mean: filters average before
-anything is encoded.
+Filters average linear light, what is seen is encoded: the energy of linear values counts in the ratio of the variance
+of encoded values to theirs, which is the squared slope of the encoding where contrast is low.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fexel import mipmaps
+from fexel.images import linear_to_srgb
 from fexel.textures.page_texels import decode_page
 from fexel.textures.pool import TexelReader
 
@@ -34,7 +35,8 @@ _WINDOW = 256  # texels
 _LARGEST = 4096  # of a level that is looked at: finer ones are not read for this
 _LEAST = 16  # a level smaller than that has no rings of its own
 _RINGS = 10  # of a window
-_DARKEST = 0.0031308  # below, sRGB is linear and slopes no more
+_BLOCK = 16  # texels within which contrast is local
+_EVEN = 1e-6  # of a window's variance: less in its blocks is rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,11 +152,30 @@ def _taper(size: int) -> NDArray[np.float64]:
 
 
 def _slopes(texels: NDArray[np.float64], encoded: bool) -> NDArray[np.float64]:
-    """(C,) weight of each channel's variance: squared slope of the encoding, averaged over blocks of 16 x 16 texels."""
+    """(C,) weight of each channel's variance: of encoded values over that of linear ones, within blocks of texels.
+
+    What is dark in one place and bright in another counts by what varies there; blocks that are all even tell nothing,
+    then it is the whole window that does.
+    """
     channels = texels.shape[2]
-    share = np.where(np.arange(channels) < 3, 1.0 / min(channels, 3), 1.0)
+    weight = np.where(np.arange(channels) < 3, 1.0 / min(channels, 3), 1.0)
     if not encoded:
-        return share
-    blocks = mipmaps.pyramid(texels, 5)[-1].astype(np.float64)
-    slope = 1.055 / 2.4 * np.clip(blocks, _DARKEST, 1.0) ** (1 / 2.4 - 1)
-    return share * np.where(np.arange(channels) < 3, np.mean(slope**2, axis=(0, 1)), 1.0)
+        return weight
+    shown = linear_to_srgb(np.clip(texels, 0.0, 1.0)).astype(np.float64)
+    linear, seen = _variance(texels, max(texels.shape[:2])), _variance(shown, max(texels.shape[:2]))
+    in_blocks = _variance(texels, _BLOCK)
+    uneven = in_blocks > _EVEN * linear
+    linear, seen = np.where(uneven, in_blocks, linear), np.where(uneven, _variance(shown, _BLOCK), seen)
+    return weight * np.where((np.arange(channels) < 3) & (linear > 0), seen / np.where(linear > 0, linear, 1.0), 1.0)
+
+
+def _variance(values: NDArray[np.float64], block: int) -> NDArray[np.float64]:
+    """(C,) of (H, W, C): squared deviations from the means of blocks, summed."""
+
+    def sums(texels: NDArray[np.float64]) -> NDArray[np.float64]:
+        rows = np.add.reduceat(texels, np.arange(0, values.shape[0], block), axis=0)
+        return np.add.reduceat(rows, np.arange(0, values.shape[1], block), axis=1)
+
+    middle = values - values.mean(axis=(0, 1))  # so that little is lost where squares are subtracted
+    counts = sums(np.ones((*values.shape[:2], 1)))
+    return np.sum(np.maximum(sums(middle**2) - sums(middle) ** 2 / counts, 0.0), axis=(0, 1))

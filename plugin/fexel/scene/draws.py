@@ -62,8 +62,16 @@ class DrawBuilder:
         Paths of all prims that may be drawn; `Draw.prim_id` is an index into it.
     """
 
-    def __init__(self, stage: Usd.Stage, tree: Tree, refine_level: int, faults: Faults):
+    def __init__(
+        self,
+        stage: Usd.Stage,
+        tree: Tree,
+        refine_level: int,
+        faults: Faults,
+        lacking: dict[str, str] | None = None,
+    ):
         self._stage = stage
+        self._lacking = lacking
         self._tree = tree
         self._refine_level = refine_level
         self._faults = faults
@@ -199,9 +207,15 @@ class DrawBuilder:
         return tinted
 
     def _without(self, material: Material, prim: Usd.Prim, missing: set[str], time: Usd.TimeCode) -> Material:
-        """The material without textures whose primvar was dropped as damaged; an error where it was never there."""
+        """The material without textures whose primvar was dropped as damaged; an error where it was never there.
+
+        With `lacking` that is a note instead.
+        """
         for name, texture in textures_of(material):
             if texture.st_primvar in missing and not _has_primvar(prim, texture.st_primvar):
+                if self._lacking is not None:
+                    self._lacking[texture.path] = f"{prim.GetPath()} lacks primvar {texture.st_primvar!r}"
+                    continue
                 reads = f"{name} of {material.path} reads texture {texture.path} through primvar {texture.st_primvar!r}"
                 raise FexelError(
                     f"{prim.GetPath()}: {reads}, which the prim lacks; {_advice(prim, texture.st_primvar)}"

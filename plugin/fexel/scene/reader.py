@@ -48,6 +48,9 @@ class SceneReader:
         Prims to which draws, lights and framing are limited, with all below them.
     complexity : str
         ``low medium high veryhigh``: refine level of subdivision surfaces, 0 to 3.
+    lacking : dict of str to str, optional
+        Where given, a texture whose coordinates a prim lacks is left out there and noted here: what is lacking, by the
+        path of the texture. By default that is an error.
 
     Raises
     ------
@@ -70,6 +73,7 @@ class SceneReader:
         purposes: Collection[str] = ("default", "proxy"),
         mask: Iterable[str | Sdf.Path] | None = None,
         complexity: str = "low",
+        lacking: dict[str, str] | None = None,
     ):
         self.stage = stage
         self._purposes = _checked_purposes(purposes)
@@ -78,6 +82,7 @@ class SceneReader:
             raise FexelError(f"complexity {complexity!r}, expected one of {', '.join(COMPLEXITIES)}")
         self._refine_level = COMPLEXITIES[complexity]
         self._faults = Faults()
+        self._lacking = lacking
         self._states: dict[bool, _State] = {}
         self._cameras: dict[str | None, Usd.Prim | None] = {}
         self._framing: tuple[tuple[Draw, ...], float | None, Camera] | None = None
@@ -145,7 +150,7 @@ class SceneReader:
         state = self._states.get(code.IsDefault())
         if state is None:
             tree = build_tree(self.stage, self._purposes, self._mask, self._faults, code)
-            state = _State(tree, DrawBuilder(self.stage, tree, self._refine_level, self._faults), {})
+            state = _State(tree, DrawBuilder(self.stage, tree, self._refine_level, self._faults, self._lacking), {})
             self._states[code.IsDefault()] = state
         return state
 
