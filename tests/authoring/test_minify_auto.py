@@ -12,6 +12,8 @@ from typer.testing import CliRunner
 import fexel
 from fexel.errors import FexelError, FexelWarning
 from fexel.filters import PORTABLE_FILTERS
+from fexel.images import linear_to_srgb
+from fexel.scene import SceneReader
 from fexel.textures.footprint import Footprint
 from fexel_tools.cli import app
 from fexel_tools.image_files import write_image
@@ -133,7 +135,28 @@ def test_texture_without_a_readable_file_keeps_the_default(stage, tmp_path):
     low_and_slanted(stage)
     with pytest.warns(FexelWarning, match=r"nowhere\.png"):
         missing = run(stage, tmp_path)[TEXTURE]
-    assert missing.filter == "anisotropic" and "no image" in missing.note
+    assert missing.filter == "anisotropic" and "cannot be judged: it has no image" in missing.note
+
+
+def test_texture_whose_coordinates_a_mesh_lacks_keeps_the_default_and_others_are_judged(stage, tmp_path):
+    """As Blender exports a UV Map node that names a layer which one of the meshes has not."""
+    unplaced = "/World/Looks/Other/Image"
+    define_ground(stage, "./noise.png", "/World/Other", unplaced)
+    reader = UsdShade.Shader.Define(stage, "/World/Looks/Other/UVMap")
+    reader.CreateIdAttr("UsdPrimvarReader_float2")
+    reader.CreateInput("varname", Sdf.ValueTypeNames.String).Set("UVMap")
+    UsdShade.Shader.Get(stage, unplaced).CreateInput("st", Sdf.ValueTypeNames.Float2).ConnectToSource(
+        reader.CreateOutput("result", Sdf.ValueTypeNames.Float2)
+    )
+    low_and_slanted(stage)
+    found = run(stage, tmp_path)
+    assert found[TEXTURE].filter == "fipmap"
+    assert found[unplaced].filter == "anisotropic" and found[unplaced].predicted_db == {}
+    assert found[unplaced].note == "cannot be judged: /World/Other lacks primvar 'UVMap'"
+    out = Usd.Stage.Open(str(tmp_path / "out.usda"))
+    assert fexel.TextureMinificationAPI.Get(out, unplaced).GetFilterAttr().Get() == "anisotropic"
+    with pytest.raises(FexelError, match="UVMap"):
+        SceneReader(stage).at()
 
 
 def test_camera_that_moves_is_looked_through_at_several_times(stage, tmp_path):
@@ -172,7 +195,7 @@ def test_texture_inside_instances_is_seen_wherever_they_are(stage, tmp_path):
 def test_footprints_are_those_of_the_renderer(gl, stage):
     """Against the AOV of the same camera, all quantiles of both axes."""
     low_and_slanted(stage)
-    (seen,) = seen_footprints(stage, 384, silent)[TEXTURE]
+    (seen,) = seen_footprints(stage, 384, silent).footprints[TEXTURE]
     found = Footprint.of(seen.jacobian * np.array([[128.0], [-128.0]]))
     shown = fexel.render(stage, camera="Low", width=384, aovs=("footprint",))["footprint"]
     shown = shown[shown[..., 0] > 0]
@@ -180,6 +203,42 @@ def test_footprints_are_those_of_the_renderer(gl, stage):
     shares = np.linspace(0.02, 0.9, 23)
     np.testing.assert_allclose(np.quantile(found.major, shares), np.quantile(shown[:, 0], shares), rtol=0.05)
     np.testing.assert_allclose(np.quantile(found.minor, shares), np.quantile(shown[:, 1], shares), rtol=0.05)
+
+
+def line_pairs():
+    """Black and white lines of 1 to 16 texels, upright ones above lying ones."""
+    widths = [1, 1, 2, 2, 3, 3, 4, 4, 6, 6, 8, 8, 12, 12, 16, 16, 8, 8, 4, 4]
+    line = np.uint8(255 * np.repeat(np.arange(len(widths)) % 2, widths))
+    upright = np.repeat(line[None], len(line), axis=0)
+    return np.repeat(np.concatenate([upright, upright.T])[..., None], 3, axis=2)
+
+
+def noise(tones):
+    return np.random.default_rng(7).choice(np.uint8(tones), (64, 64, 1)).repeat(3, 2).repeat(4, 0).repeat(4, 1)
+
+
+@pytest.mark.parametrize(
+    "texture", [line_pairs(), noise((0, 255)), noise((110, 150))], ids=["line pairs", "noise", "soft noise"]
+)
+def test_what_is_foretold_is_what_the_renderer_draws_by_default(gl, stage, tmp_path, texture):
+    """With 8 probes, beside an average of 36 samples a pixel: hardly better than what is drawn, nor much worse."""
+    write_image(tmp_path / "noise.png", texture)
+    surface = UsdShade.Shader.Get(stage, "/World/Looks/Ground/Surface")
+    surface.GetInput("diffuseColor").ClearSources()
+    surface.GetInput("diffuseColor").Set(Gf.Vec3f(0))
+    surface.CreateInput("emissiveColor", Sdf.ValueTypeNames.Color3f).ConnectToSource(
+        UsdShade.Shader.Get(stage, TEXTURE).GetOutput("rgb")
+    )
+    add_camera(stage, "Eye", (-8, 1.2, 5), (5, 0, -3))
+    foretold = run(stage, tmp_path, MinifyOptions(filter="auto", width=192))[TEXTURE].predicted_db
+    samples = fexel.render(stage, width=6 * 192, filter="anisotropic", anisotropy=16)["color"][..., :3]
+    truth = samples.reshape(len(samples) // 6, 6, 192, 6, 3).mean(axis=(1, 3))
+    for token in PORTABLE_FILTERS:
+        shown = fexel.render(stage, width=192, filter=token, aovs=("color", "fetches"))
+        seen = shown["fetches"][..., 0] > 0
+        difference = linear_to_srgb(shown["color"][..., :3])[seen] - linear_to_srgb(truth)[seen]
+        drawn = -10 * np.log10(np.mean(difference.astype(np.float64) ** 2))
+        assert drawn - 10.0 <= foretold[token] <= drawn + 2.5, token
 
 
 def test_command_says_what_it_chose_and_why(stage, tmp_path):
