@@ -10,6 +10,7 @@ from fexel.filters.shears import DIRECTIONS
 from fexel.filters.tiles import Tile, spread
 from fexel.filters.twin import FilterTwin
 from fexel.textures.image_source import ImageSource
+from fexel_tools.filter_measure import memory_ratio
 from fexel_tools.filter_truth import FilterTruth
 
 SIZES = [(97, 1), (1, 97), (2, 97), (64, 4), (5, 5), (16, 16)]
@@ -77,6 +78,16 @@ def test_a_single_line_has_neither_octaves_nor_shears():
     along = np.array([direction.long_axis for direction in DIRECTIONS])[choice.direction] == 0
     assert along.any() and not choice.octaves[along].any()
     assert set(choice.direction[along]) == {0}
+
+
+@pytest.mark.parametrize("size", [(97, 1), (1, 97), (1, 2), (64, 4)])
+def test_narrow_repeating_images_take_no_more_memory_than_others(size):
+    assert memory_ratio("fipmap", size, ("repeat", "repeat")) < 12
+    assert memory_ratio("ripmap", size, ("repeat", "repeat")) < 4
+
+
+def test_a_single_texel_has_no_chains():
+    assert memory_ratio("fipmap", (1, 1), ("repeat", "clamp")) == 1
 
 
 def test_a_mirrored_image_repeats_after_twice_its_length():

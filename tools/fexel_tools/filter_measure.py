@@ -21,6 +21,7 @@ from fexel.errors import FexelError, FexelWarning
 from fexel.filters import FILTERS
 from fexel.filters.chain_layout import ChainLayout
 from fexel.filters.shears import DIRECTIONS, FINE_DIRECTIONS
+from fexel.filters.tiles import Tile
 from fexel.filters.twin import FilterTwin
 from fexel.renderer.context import GLContext
 from fexel_tools.color_error import ciede2000
@@ -77,15 +78,19 @@ class ViewPictures:
 
 
 def memory_ratio(token: str, size: tuple[int, int], wrap: tuple[str, str]) -> float:
-    """Texels of everything that a filter may read of an image, over those of the image alone."""
+    """Texels of everything that a filter may read of an image, over those of the image alone.
+
+    Along an axis of a single texel there are no chains, see `fexel.filters.tiles`.
+    """
     width, height = size
+    extent = Tile.of(size, wrap).extent
     texels = sum(
         mipmaps.level_size(width, level) * mipmaps.level_size(height, level)
         for level in range(mipmaps.level_count(width, height))
     )
     if token in ("ripmap", "fipmap", "auto", GAUSS_FIPMAP):
         for number, direction in enumerate(FINE_DIRECTIONS if token == GAUSS_FIPMAP else DIRECTIONS):
-            if token != "ripmap" or direction.shear == 0:
+            if extent[direction.long_axis] > 1 and (token != "ripmap" or direction.shear == 0):
                 layout = ChainLayout.of(number, size, wrap)
                 texels += sum(int(np.prod(layout.cell_size(cell))) for cell in layout.cells)
     return texels / (width * height)
