@@ -176,7 +176,7 @@ def test_constant_image_takes_the_cheapest_filter_everywhere():
 def test_choice_is_below_the_bound_where_any_filter_is_cheaply(photo_content):
     jacobians = np.array([footprint(elevation, 30) for elevation in (80, 40, 20, 10)])
     choice = auto.choose(jacobians, photo_content, 32.0)
-    assert (auto.decibels(choice.error) >= 31.0).all()
+    assert (auto.decibels(choice.error) >= 32.0 - 3.0).all()  # 8 fetches more may cost as much as the error is over
     assert set(choice.filter) <= {FILTERS.index(token) for token in ("mipmap", "anisotropic", "fipmap")}
 
 
