@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bench.image_lookup import look_up
 from bench.zipmap_stage import save
 from fexel.errors import FexelWarning
 from fexel.filters import FILTERS, FIPMAP_ACCESSES, KERNELS
 from fexel.filters.twin import FilterTwin
 from fexel.textures.image_source import ImageSource
+from fexel_tools.filter_lookup import look_up
 
 ELEVATIONS = (90, 60, 45, 30, 20, 10, 5, 2, 1, 0.5, 0.2, 0.1)
 HALF_STEP = 1e-3  # texels and chains are stored as 16-bit floats
