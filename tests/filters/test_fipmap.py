@@ -151,7 +151,7 @@ def test_footprint_without_a_width_takes_the_finest_level():
 
 
 def test_float32_jacobians_choose_as_float64_ones():
-    """At an elevation of 0.02 degrees a minor axis from the quadratic form is 21 % off (notes, F9); rows are not."""
+    """At an elevation of 0.02 degrees a minor axis from the quadratic form is 21 % off in float32; rows are not."""
     jacobian = np.concatenate([fan(roll) @ np.diag([5.0, 1.0]) for roll in (0, 10)])
     double, single = fipmap.choose(jacobian), fipmap.choose(jacobian.astype(np.float32).astype(np.float64))
     assert np.mean(double.octaves != single.octaves) < 0.02

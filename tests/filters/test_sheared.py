@@ -74,7 +74,7 @@ def test_stripes_of_a_tangent_stand_upright_in_the_chain_of_its_direction(tangen
     size = 128
     y, x = np.mgrid[0:size, 0:size] + 0.5
     image = np.ones((size, size, 4), np.float32)
-    steep = abs(tangent) >= 1  # tangents beyond 1 are those of the other axis (notes, F5)
+    steep = abs(tangent) >= 1  # tangents beyond 1 are those of the other axis
     across = x - y / tangent if steep else y - x * tangent
     image[..., :3] = (0.5 + 0.4 * np.cos(2 * np.pi * across / 8))[..., None]
     number = number_of(1, -1 / tangent) if steep else number_of(0, -tangent)

@@ -111,7 +111,7 @@ def _coordinates(to_camera: NDArray[np.float64], frame: NDArray[np.float64]) -> 
 
 
 def _direction(along_u: NDArray[np.bool_], shear: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Number of the direction of that long axis and about that shear; a whole one is one of y (notes, F1)."""
+    """Number of the direction of that long axis and about that shear; a whole one is one of y: the diagonal is both."""
     rounded = np.round(2 * shear) / 2
     long_axis = np.where(along_u & (np.abs(rounded) < 1), 0, 1)
     known = np.array([(direction.long_axis, direction.shear) for direction in DIRECTIONS])

@@ -1,7 +1,8 @@
 """The fipmap: ripmaps of a sheared texture, read with a few bilinear accesses (Bornik and Ferko 2002, section 3.2).
 
 The paper chooses, per polygon, the shear that brings the footprint's long axis onto an axis of the texture, and then
-looks a ripmap up. Here it is chosen per pixel, from the Jacobian, and no two levels are ever interpolated (notes, F6).
+looks a ripmap up. Here it is chosen per pixel, from the Jacobian, and no two levels are ever interpolated,
+which would only blur.
 A pixel takes ``probes`` bilinear accesses of one level; 4 of them, 16 texels, by default:
 
 - *compact* footprints take the image's own mip levels: two rows of accesses, at places that have the mean and the

@@ -1,7 +1,7 @@
-"""The ripmap: prefiltered by any power of two along x and along y (McReynolds 1998; notes, F4), read with two accesses.
+"""The ripmap: prefiltered by any power of two along x and along y (McReynolds 1998), read with two accesses.
 
 It is the fipmap without shears: footprints that are slanted to the texture are taken as wide as the rectangle about
-them. Of one level, as of the fipmap, the boxes that the longer side covers: no levels are interpolated (notes, F6).
+them. Of one level, as of the fipmap, the boxes that the longer side covers: no levels are interpolated.
 """
 
 from __future__ import annotations
