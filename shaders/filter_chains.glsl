@@ -18,6 +18,7 @@ const float CHAIN_RAMP = 0.5;
 const float CHAIN_SLACK = 0.25;
 const float CHAIN_EQUAL = 1.0001;
 const float CHAIN_FLOOR = 1e-30;
+const float CHAIN_SEAM = 1e-5;
 // Of 1 in the shears that the table has: from -1 to 1, per long axis.
 #if IMAGE_GAUSS
 const int CHAIN_STEPS = 16;
@@ -152,7 +153,7 @@ ChainCell chain_cell(Image image, vec2 uv, ChainExtent extent, int octaves, int 
     vec2 page = alongX ? image.table.zw : image.table.wz;
     ChainCell cell;
     cell.alongX = alongX;
-    cell.size = place.xy;
+    cell.size = abs(place.xy);
     cell.begin = place.zw;
     cell.count = place.x * page.x;
     vec2 at = vec2(uv.x, 1.0 - uv.y);
@@ -178,13 +179,14 @@ ChainCell chain_cell(Image image, vec2 uv, ChainExtent extent, int octaves, int 
     at -= whole;
     at = vec2(abs(at.x) < CHAIN_LARGEST ? at.x : 0.0, abs(at.y) < CHAIN_LARGEST ? at.y : 0.0);
 #if IMAGE_ENDS
-    cell.halfTexel = 0.5 / (page * place.xy);
+    cell.halfTexel = 0.5 / (page * cell.size);
     at.y *= size.y;
     float pad = extent.shear * (size.x - 1.0);    // of the moved axis, where it does not repeat
     at.y += cell.ends.y ? ceil(max(-pad, 0.0)) : 0.0;
     size.y += cell.ends.y ? ceil(abs(pad)) : 0.0;
     cell.texel = size.yx * (1.0 / (size.x * size.y));
     at.y *= cell.texel.y;
+    cell.halfTexel.y += place.y < 0.0 ? cell.texel.y : 0.0;    // a texel more, over which it fades
 #else
     cell.texel = size.yx * (1.0 / (size.x * size.y));
 #endif
@@ -197,7 +199,7 @@ ChainCell chain_cell(Image image, vec2 uv, ChainExtent extent, int octaves, int 
 // Page coordinates of an access; its moved coordinate is as if the long one needed no wrapping.
 vec2 chain_page(ChainCell cell, vec2 at)
 {
-    float whole = floor(at.x);
+    float whole = floor(at.x + CHAIN_SEAM);
 #if IMAGE_ENDS
     whole = cell.ends.x ? at.x - clamp(at.x, -cell.halfTexel.x, 1.0 + cell.halfTexel.x) : whole;
 #endif

@@ -96,9 +96,11 @@ def test_the_kernel_is_that_of_fipmaps_alone(gl, tmp_path, token):
     np.testing.assert_array_equal(box.color, gauss.color)
 
 
-@pytest.mark.parametrize("size", [(37, 91), (1, 19), (23, 1)])
+@pytest.mark.parametrize("size", [(37, 91), (1, 19), (23, 1), (1, 1)])
 @pytest.mark.parametrize("kernel", KERNELS)
-@pytest.mark.parametrize("wrap", [("clamp", "clamp"), ("repeat", "clamp"), ("black", "mirror")])
+@pytest.mark.parametrize(
+    "wrap", [("clamp", "clamp"), ("repeat", "clamp"), ("black", "mirror"), ("mirror", "black"), ("repeat", "mirror")]
+)
 def test_images_of_any_size_are_those_of_the_twin(gl, tmp_path, size, wrap, kernel):
     file, image = noise(tmp_path, *size)
     jacobian = fan(600, seed=4)
@@ -106,9 +108,9 @@ def test_images_of_any_size_are_those_of_the_twin(gl, tmp_path, size, wrap, kern
     looked = look_up(gl, ImageSource(file, wrap=wrap), "fipmap", xy, jacobian, kernel=kernel)
     values, _ = FilterTwin(image, wrap).sample("fipmap", xy, jacobian, gauss=kernel == "gauss")
     error = np.abs(looked.color - values).max(axis=1)
-    # At a seam whose columns are off by a fraction of a texel, either side may be read; odd mirrored levels differ.
-    assert np.quantile(error, 0.9) < HALF_STEP
-    assert np.quantile(error, 0.995) < 0.15
+    # Float32 may choose otherwise where float64 is at a bound between two choices.
+    assert np.quantile(error, 0.98) < HALF_STEP
+    assert np.quantile(error, 0.995) < 0.05
 
 
 @pytest.mark.parametrize("token", FILTERS)

@@ -9,11 +9,11 @@ from fexel.errors import FexelError
 from fexel.filters import FILTERS
 from fexel.filters.twin import FilterTwin
 from fexel.images import linear_to_srgb
+from fexel_tools.filter_truth import FilterTruth
 
 REPEAT = ("repeat", "repeat")
 TOKENS = ("mipmap", "anisotropic", "ripmap", "fipmap")
-# dB; and where nothing continues the image, whose edge a chain has sharper by the width of a pixel.
-BORDER_FLOORS = {"mipmap": (19, 12), "anisotropic": (50, 34), "ripmap": (34, 22), "fipmap": (33, 22)}
+BORDER_FLOORS = {"mipmap": (19, 12), "anisotropic": (50, 34), "ripmap": (34, 22), "fipmap": (43, 27.5)}  # dB; black
 ELEVATIONS = (90, 30, 10, 5, 2, 1, 0.2)
 
 
@@ -155,6 +155,36 @@ def test_borders_are_filtered_as_what_continues_the_image(rng, token, wrap, azim
         jacobian = footprint(elevation, azimuth)
         value, _ = FilterTwin(image, wrap).sample(token, xy, np.repeat(jacobian[None], len(xy), axis=0))
         assert psnr(value, box_truth(image, xy, jacobian, wrap)) > BORDER_FLOORS[token]["black" in wrap]
+
+
+@pytest.mark.parametrize(
+    ("wrap", "floor"), [(("clamp", "clamp"), 34), (("clamp", "repeat"), 35), (("black", "black"), 30)]
+)
+@pytest.mark.parametrize("elevation", [5, 1])
+def test_fipmaps_of_noise_come_as_near_the_mean_across_borders_as_within(rng, wrap, floor, elevation):
+    image = np.dstack([rng.random((96, 120, 3)), np.ones((96, 120))])
+    twin, truth = FilterTwin(image, wrap), FilterTruth.of(image, wrap)
+    for azimuth in (0, 15, 30, 45, 60, 75):
+        jacobian = footprint(elevation, azimuth)
+        xy = rng.random((200, 2)) * [120, 96]
+        near = rng.choice([0, 120], 100), rng.choice([0, 96], 100)
+        reach = 0.5 * np.abs(jacobian).sum(axis=1)
+        xy[:100, 0] = near[0] + rng.uniform(-reach[0], reach[0], 100)
+        xy[100:, 1] = near[1] + rng.uniform(-reach[1], reach[1], 100)
+        value, _ = twin.sample("fipmap", xy, np.repeat(jacobian[None], len(xy), axis=0))
+        assert psnr(value, truth.mean("box", xy, jacobian)) > floor
+
+
+def test_nothing_is_read_from_the_other_side_of_a_clamped_border():
+    """Beyond a border there is its edge line alone, however long the texels of a chain are."""
+    image = np.zeros((64, 256, 4)) + [0.25, 0.5, 0.75, 1.0]
+    image[:, 1:] = 1.0 - image[:, 1:]
+    for elevation in (10, 5, 2, 1):
+        jacobian = footprint(elevation, 0)
+        xy = np.stack([np.full(20, -0.5 * jacobian[0, 0] - 0.5), np.linspace(2, 62, 20)], 1)
+        for token in ("ripmap", "fipmap"):
+            value, _ = FilterTwin(image, ("clamp", "clamp")).sample(token, xy, np.repeat(jacobian[None], 20, axis=0))
+            np.testing.assert_allclose(value, image[:20, 0], atol=1e-3)
 
 
 # What any filter must do.

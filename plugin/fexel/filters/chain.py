@@ -49,15 +49,14 @@ class Chain:
     reader: TexelReader | None = field(default=None, compare=False, repr=False)
     blur: float = SHORT_BLUR
 
-    def size(self, width: int, height: int, repeats: tuple[bool, bool]) -> tuple[int, int]:
-        """Width and height of level 0, of an image of `width` by `height` that repeats along x, y or not.
+    def size(self, width: int, height: int, wrap: tuple[str, str]) -> tuple[int, int]:
+        """Width and height of level 0, of an image of `width` by `height` and its wrap modes along x, y.
 
         A mirrored axis counts as repeating and is twice as long: the image and its mirror image.
         """
         direction: Direction = FINE_DIRECTIONS[self.direction]
         size = [width, height]
         long, moved = direction.long_axis, 1 - direction.long_axis
-        if not repeats[moved]:
-            size[moved] += direction.padding(size[long])[1]
+        size[moved] += direction.padding(size[long], wrap[moved])[1]
         size[long] = max(1, size[long] >> self.octaves)
         return size[0], size[1]

@@ -16,6 +16,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from fexel.filters.chain_borders import edge_line
 from fexel.filters.chain_layout import ChainLayout
 from fexel.filters.sheared import blurred_lines, can_group, move_line, moved_groups, moved_lines
 from fexel.mipmaps import halve_axis, level_size
@@ -79,6 +80,8 @@ class _Builder:
                 for first, texels in _in_parallel(pool, partial(self._block, source, halved, top), blocks):
                     rest[first : first + len(texels)] = texels
                 source, halved, behind = _slices(rest), top, 0
+        if layout.long_wrap == "clamp":
+            self._write_edges(read)
         for cell in self._cells:
             self._close(cell)
 
@@ -110,6 +113,17 @@ class _Builder:
             if first + len(lines) == level_size(self._layout.lines, n):
                 self._ends[(n, m), True] = lines[-1:].copy()
 
+    def _write_edges(self, read: Callable[[int, int], _Lines]) -> None:
+        """Beyond the first and last line of all cells."""
+        layout = self._layout
+        for at, first in ((0, 0), (-1, layout.lines - 1)):
+            edge = read(first, first + 1)[0]
+            for n in range(layout.octaves, layout.last[0] + 1):
+                line = edge_line(edge, n, layout, last=at == -1)
+                for m in range(layout.levels(n)):
+                    line = halve_axis(line, 1) if m else line
+                    self._cells[n, m][at, 1:-1] = self._encoded(line)[0]
+
     def _encoded(self, lines: _Lines) -> NDArray:
         return texel_items(np.ascontiguousarray(self._encode(lines)))
 
@@ -122,12 +136,13 @@ class _Builder:
             for at, last, shift in ((0, True, -along), (-1, False, along)):
                 line = move_line(self._ends[cell, last][0], shift, layout.moved_wrap)
                 texels[at, 1:-1] = self._encoded(line[None])[0]
-        else:
-            texels[0], texels[-1] = (texels[1], texels[-2]) if layout.long_wrap == "clamp" else (0, 0)
+        elif layout.long_wrap != "clamp":
+            texels[0] = texels[-1] = 0
         if layout.moved_wrap == "repeat":
             texels[:, 0], texels[:, -1] = texels[:, -2].copy(), texels[:, 1].copy()
         elif layout.moved_wrap == "clamp":
-            texels[:, 0], texels[:, -1] = texels[:, 1], texels[:, -2]
+            finest = self._cells[cell[0], 0]
+            texels[:, 0], texels[:, -1] = finest[:, 1], finest[:, -2]
         else:
             texels[:, 0] = texels[:, -1] = 0
 

@@ -14,7 +14,7 @@ from fexel.textures.pyramid_cache import ImageFacts
 
 __all__ = ["FORMAT_VERSION", "chain_key"]
 
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 """Raised with every change of what is in a file, or of how it is computed."""
 
 

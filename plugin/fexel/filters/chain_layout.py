@@ -102,8 +102,8 @@ class ChainLayout:
 
     @cached_property
     def padding(self) -> tuple[int, int]:
-        """`Direction.padding`; none where the moved axis is cyclic."""
-        return (0, 0) if self.moved_wrap == "repeat" else self.direction.padding(self.lines)
+        """`Direction.padding`."""
+        return self.direction.padding(self.lines, self.moved_wrap)
 
     @cached_property
     def texels(self) -> int:

@@ -13,7 +13,7 @@ Layout:
     then whatever else a filter knows of the image
     then the cells of each direction that there is, `PLAIN` ones first, levels within octaves from 0 on: page
               coordinates of a period, or of all of the cell where it does not repeat, along the long axis and along the
-              moved one; then of its begin
+              moved one, negative where the cell has a texel of the image more on either side of it; then of its begin
 """
 
 from __future__ import annotations

@@ -62,8 +62,7 @@ class ChainTexels:
         """Of level 0 of a chain."""
         base, layout = self._layout(chain, path)
         self._foresee(chain, base, layout)
-        repeats = layout.wrap[0] == "repeat", layout.wrap[1] == "repeat"
-        return replace(base, size=chain.size(*layout.extent, repeats), wrap=layout.wrap, has_levels=True)
+        return replace(base, size=chain.size(*layout.extent, layout.wrap), wrap=layout.wrap, has_levels=True)
 
     def window(self, chain: Chain, path: str, level: int, box: Box) -> NDArray:
         """Texels of a window with its border; see `ChainLayout` for what is in a level."""

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fexel.filters.lookup import usable
-from fexel.filters.shears import DIRECTIONS, FINE_DIRECTIONS
+from fexel.filters.shears import DIRECTIONS, FINE_DIRECTIONS, margin
 
 __all__ = ["Frame", "Wants", "cells_wanted"]
 
@@ -141,16 +141,20 @@ class Frame:
         return {"repeat": 1, "mirror": 2}.get(self.wrap[axis], 0) * self.size[axis]
 
     @property
+    def margin(self) -> int:
+        """`fexel.filters.shears.margin`: chains have it, the shader's places in them begin and end within it."""
+        return margin(self.wrap[1 - self.long_axis])
+
+    @property
     def _padding(self) -> tuple[int, int]:
-        if self.period(1 - self.long_axis):
-            return 0, 0
-        return FINE_DIRECTIONS[self.direction].padding(self.period(self.long_axis) or self.size[self.long_axis])
+        length = self.period(self.long_axis) or self.size[self.long_axis]
+        return FINE_DIRECTIONS[self.direction].padding(length, self.wrap[1 - self.long_axis])
 
     @property
     def extent(self) -> NDArray[np.float64]:
         """(2,) width and height of what is moved, texels of the image: twice the image along a mirrored axis."""
         extent = np.array([self.period(axis) or size for axis, size in enumerate(self.size)], np.float64)
-        extent[1 - self.long_axis] += self._padding[1]
+        extent[1 - self.long_axis] += self._padding[1] - 2 * self.margin
         return extent
 
     def window(
@@ -170,15 +174,16 @@ class Frame:
         """
         extent, long = self.extent, self.long_axis
         moved = 1 - long
+        extent[moved] += 2 * self.margin
         bounds: list[tuple[NDArray[np.float64], NDArray[np.float64]]] = [(low[:, 0], high[:, 0])] * 2
-        along = self._within(low[:, long], high[:, long], long)
+        along = self._folded(low[:, long], high[:, long], long)
         # Where the box crosses a seam of the long axis, what is moved may be anywhere.
         across = (along[0] < 0) | (along[1] > extent[long])
         shear = FINE_DIRECTIONS[self.direction].shear
         shifts = np.stack([shear * (along[0] - 0.5), shear * (along[1] - 0.5)])
         begin = low[:, moved] + shifts.min(axis=0) + self._padding[0]
         end = high[:, moved] + shifts.max(axis=0) + self._padding[0]
-        sideways = self._within(begin, end, moved)
+        sideways = self._folded(begin, end, moved)
         if shear:
             sideways = np.where(across, -1.0, sideways[0]), np.where(across, extent[moved] + 1.0, sideways[1])
         bounds[long], bounds[moved] = along, sideways
@@ -187,6 +192,20 @@ class Frame:
             np.stack([x0 / extent[0], 1 - y1 / extent[1]], axis=1),
             np.stack([x1 / extent[0], 1 - y0 / extent[1]], axis=1),
         )
+
+    def _folded(
+        self, low: NDArray[np.float64], high: NDArray[np.float64], axis: int
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Within a period; of a mirrored axis of which nothing is moved, within the image, as the shader reads it."""
+        low, high = self._within(low, high, axis)
+        if self.wrap[axis] != "mirror" or FINE_DIRECTIONS[self.direction].shear:
+            return low, high
+        size = self.size[axis]
+        ends = np.stack([size - np.abs(size - bound % (2 * size)) for bound in (low, high)])
+        first, turns = np.floor(low / size), np.floor(high / size) - np.floor(low / size)
+        near = (turns > 1) | (turns == 1) & (first % 2 == 1)
+        far = (turns > 1) | (turns == 1) & (first % 2 == 0)
+        return np.where(near, 0.0, ends.min(axis=0)), np.where(far, size, ends.max(axis=0))
 
     def _within(
         self, low: NDArray[np.float64], high: NDArray[np.float64], axis: int

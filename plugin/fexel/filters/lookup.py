@@ -17,6 +17,7 @@ from fexel.filters.shears import FINE_DIRECTIONS
 
 __all__ = [
     "FLOOR",
+    "SEAM",
     "Choice",
     "Rows",
     "Taps",
@@ -39,6 +40,9 @@ SLACK = 0.25
 
 EQUAL = 1.0001
 """Ratio of squared lengths up to which neither axis is the longer one, as where a square faces the camera."""
+
+SEAM = 1e-5
+"""Share of a period by which an access before a seam counts as behind it: rounding shall not choose its side."""
 
 FLOOR = 1e-30
 """Keeps logarithms and quotients finite where a Jacobian is 0."""
@@ -209,7 +213,7 @@ def chain_taps(
     halvings = np.minimum(choice.octaves + choice.level, 62)
     columns = (length << folds) >> halvings
     # Of the image's own levels, and its mirror image, each has whole texels.
-    columns = np.where((choice.octaves == 0) & (length >> halvings > 0), length >> halvings << folds, columns)
+    columns = np.where(choice.octaves == 0, np.maximum(length >> halvings, 1) << folds, columns)
     texel = (length << folds) / np.maximum(columns, 1)
     center = xy[np.arange(len(xy)), axis]
     middle = center / texel

@@ -58,7 +58,7 @@ def moved_lines(lines: NDArray[np.float32], first: int, layout: ChainLayout) -> 
         Padded where the moved axis does not repeat.
     """
     shear = layout.direction.shear
-    if shear == 0:
+    if shear == 0 and layout.texels == layout.line_texels:
         return lines
     moved = np.empty((len(lines), layout.texels, lines.shape[2]), np.float32)
     shifts = shear * (first + np.arange(len(lines)))

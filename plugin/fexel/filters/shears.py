@@ -22,7 +22,15 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-__all__ = ["DIRECTIONS", "FINE_DIRECTIONS", "Direction"]
+__all__ = ["DIRECTIONS", "FINE_DIRECTIONS", "Direction", "margin"]
+
+
+def margin(wrap: str) -> int:
+    """Texels that are added on either side of the moved axis, of its wrap mode.
+
+    Chains are blurred along it: where nothing continues a texture it fades over one texel beyond its edge.
+    """
+    return 1 if wrap in ("black", "patch") else 0
 
 
 @dataclass(frozen=True)
@@ -45,8 +53,10 @@ class Direction:
         """Fewest octaves by which its images are coarser along the long axis: 1 of whole tangents, 2 of halves, ..."""
         return next(octaves for octaves in range(1, 6) if 2 ** (octaves - 1) * self.shear % 1 == 0)
 
-    def padding(self, length: int) -> tuple[int, int]:
-        """Of a texture that does not repeat along the moved axis and is `length` texels long along the other one.
+    def padding(self, length: int, wrap: str) -> tuple[int, int]:
+        """Of a texture that is `length` texels long along the long axis, with a wrap mode along the moved one.
+
+        None where that repeats. Where nothing continues it there is a texel more on either side, see `margin`.
 
         Returns
         -------
@@ -55,8 +65,10 @@ class Direction:
         texels : int
             By how many the moved axis is longer.
         """
-        reach = self.shear * (length - 1)
-        return math.ceil(max(-reach, 0.0)), math.ceil(abs(reach))
+        if wrap in ("repeat", "mirror"):
+            return 0, 0
+        reach, fading = self.shear * (length - 1), margin(wrap)
+        return math.ceil(max(-reach, 0.0)) + fading, math.ceil(abs(reach)) + 2 * fading
 
 
 DIRECTIONS: tuple[Direction, ...] = (

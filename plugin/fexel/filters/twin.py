@@ -13,7 +13,7 @@ from fexel.errors import FexelError
 from fexel.filters import FILTERS, anisotropic, auto, ewa, fipmap, mipmap, ripmap
 from fexel.filters.chain_layout import GAUSS_BLUR, SHORT_BLUR, ChainLayout
 from fexel.filters.chain_texels import Cells, cells
-from fexel.filters.lookup import Choice, Taps
+from fexel.filters.lookup import SEAM, Choice, Taps
 from fexel.filters.tiles import Tile, spread
 from fexel.textures.pinchmap_lattice import trilinear
 
@@ -144,7 +144,7 @@ def _place(layout: ChainLayout, cell: tuple[int, int], at: _Floats) -> _Floats:
     lines, texels = layout.line_size(cell)
     along, across = at[:, axis], at[:, 1 - axis]
     if layout.long_wrap == "repeat":
-        along = along - layout.lines * np.floor(along / layout.lines)
+        along = along - layout.lines * np.floor(along / layout.lines + SEAM)
     else:  # no farther than the border
         along = np.clip(along * lines / layout.lines, -0.5, lines + 0.5) * (layout.lines / lines)
     across = across + shear * (along - 0.5) + layout.padding[0]

@@ -107,6 +107,7 @@ def chain_part(pool: TexturePool, chain: Chain, path: str, base: ImageFacts, wan
 def resident_cells(parts: Sequence[Part], image: int, pool: TexturePool) -> dict[int, Cells]:
     """By direction what is there of `parts`, after `TexturePool.load`; `image` is the number of the image itself."""
     facts = pool.facts(image)
+    coarsest = max(pool.facts(part.number).last_level for part in parts)
     cells: dict[int, list[tuple[int, NDArray[np.int64], NDArray[np.float64]]]] = {}
     for part in parts:
         for direction in PLAIN if part.octaves == 0 else (part.direction,):
@@ -114,6 +115,9 @@ def resident_cells(parts: Sequence[Part], image: int, pool: TexturePool) -> dict
             levels = part.resident(pool)
             if len(levels):
                 place = _places(pool, part.number, levels, frame, own=part.octaves == 0)
+                if levels[-1] == pool.facts(part.number).last_level:  # it stands for all coarser ones of these octaves
+                    further = np.arange(levels[-1] + 1, coarsest + 1)
+                    levels, place = np.append(levels, further), np.append(place, place[[-1] * len(further)], axis=0)
                 cells.setdefault(direction, []).append((part.octaves, levels, place))
     for direction in PLAIN:  # of an image of which nothing is seen nothing is resident
         nowhere = np.append(1.0 / np.array(page_of(pool, image)), [0, 0])[None]
@@ -137,7 +141,12 @@ def _places(
     if own:  # of a mirrored image it is half of the period
         size = size * frame.extent / frame.size
     order = [frame.long_axis, 1 - frame.long_axis]
-    return np.concatenate([size[:, order], place[:, 2:][:, order]], axis=1)
+    size, begin = size[:, order], place[:, 2:][:, order]
+    if frame.margin and not own:
+        texel = size[:, 1] / (frame.extent[order[1]] + 2 * frame.margin)
+        begin[:, 1] += frame.margin * texel
+        size[:, 1] = 2 * frame.margin * texel - size[:, 1]
+    return np.concatenate([size, begin], axis=1)
 
 
 def page_of(pool: TexturePool, number: int) -> tuple[int, int]:
