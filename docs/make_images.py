@@ -11,6 +11,7 @@ import OpenImageIO as oiio
 from pxr import Usd
 
 import fexel
+from fexel.filters import FILTERS
 from fexel.images import image_info, linear_to_srgb, read_pixels
 from fexel.renderer.encoding import data_range, visible_data
 from fexel_tools import demo_fipmap, demo_pinchmap, demo_umbrella, demo_zipmap
@@ -101,19 +102,30 @@ def write_filters(width: int) -> None:
 
 
 def write_filter_aovs(width: int) -> None:
-    """What the AOVs of minification show of the flight, drawn with ``auto``, as ``docs/images/fipmap_aovs.jpg``."""
-    names = ("footprint", "fetches", "filter", "decision")
+    """Three frames of the flight and the AOVs of minification, in strips by filter: ``docs/images/fipmap_aovs.jpg``."""
+    names, frames = ("color", "footprint", "fetches", "filter", "decision"), (12, 30, 42)
     stage = Usd.Stage.Open(str(STAGES / "fipmap_floor" / "fipmap_floor.usda"))
-    rows = []
-    with fexel.Renderer(filter="auto") as renderer:
-        for frame in (12, 30, 42):
-            images = renderer.render(stage, width=width, camera="Flight", time=frame, aovs=("color", *names))
-            pictures = [np.round(255 * np.clip(linear_to_srgb(images["color"][..., :3]), 0, 1)).astype(np.uint8)]
-            for name in names:
-                seen = visible_data(name, images[name], data_range(name, images[name]))
-                pictures.append(np.round(255 * np.broadcast_to(seen, (*seen.shape[:2], 3))).astype(np.uint8))
-            rows.append(SheetRow("", pictures))
-    write("fipmap_aovs", contact_sheet(rows, ["color", *names]))
+    strip = width // len(FILTERS)
+    sheet = np.zeros((len(frames), len(names), width * 9 // 16, strip * len(FILTERS), 3), np.uint8)
+    for number, token in enumerate(FILTERS):
+        columns = slice(number * strip, (number + 1) * strip)
+        with fexel.Renderer(filter=token) as renderer:
+            for row, frame in enumerate(frames):
+                size = {"width": sheet.shape[3], "height": sheet.shape[2]}
+                images = renderer.render(stage, camera="Flight", time=frame, aovs=names, **size)
+                for column, name in enumerate(names):
+                    sheet[row, column, :, columns] = seen_aov(name, images[name])[:, columns]
+    rows = [SheetRow(f"frame {frame}", list(sheet[row])) for row, frame in enumerate(frames)]
+    write("fipmap_aovs", contact_sheet(rows, names))
+
+
+def seen_aov(name: str, image: np.ndarray) -> np.ndarray:
+    """An AOV (H, W, C) as (H, W, 3) uint8, sRGB-encoded."""
+    if name == "color":
+        seen = np.clip(linear_to_srgb(image[..., :3]), 0, 1)
+    else:
+        seen = visible_data(name, image, data_range(name, image))
+    return np.round(255 * np.broadcast_to(seen, (*seen.shape[:2], 3))).astype(np.uint8)
 
 
 def write(name: str, pixels: np.ndarray) -> None:
@@ -139,7 +151,7 @@ def main() -> None:
     write_pinchmaps(240)
     write_umbrellas(300)
     write_filters(240)
-    write_filter_aovs(240)
+    write_filter_aovs(288)
 
 
 if __name__ == "__main__":
