@@ -13,7 +13,7 @@ from fexel.errors import FexelError
 from fexel.filters import FILTERS
 from fexel.renderer.context import GLContext
 from fexel_tools.filter_lookup import look_up
-from fexel_tools.filter_measure import memory_ratio
+from fexel_tools.filter_measure import COMPARED, memory_ratio
 from fexel_tools.filter_subject import drawn_subject
 from fexel_tools.filter_textures import line_chart
 from fexel_tools.filter_views import FilterView
@@ -27,7 +27,7 @@ _KNOWN = {"mipmap": 1.33, "anisotropic": 1.33, "ripmap": 4.0, "fipmap": 12.0}
 def rows(quick: bool) -> Iterator[Row]:
     """By filter: the whole of it, per wrap mode; the texels resident for one view."""
     for wrap in _WRAPS:
-        for token in FILTERS:
+        for token in COMPARED:
             ratio = memory_ratio(token, (1024, 1024), (wrap, wrap))
             reference = f"an earlier measurement: {_KNOWN[token]:g}" if wrap == "repeat" and token in _KNOWN else ""
             yield Row(f"{token}: all that it may read", f"1024 x 1024, {wrap}", ratio, "x image", reference=reference)

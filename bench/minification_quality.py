@@ -216,6 +216,8 @@ def _judged_rows(contrast: str, found: list[Found]) -> Iterator[Row]:
 
 
 def _gauss_rows() -> Iterator[Row]:
+    memory = memory_ratio(GAUSS_FIPMAP, (_SIZE, _SIZE), _WRAP)
+    yield Row("Gaussian fipmap: memory", f"{_SIZE} x {_SIZE}, repeated", memory, "x image", _MOST_MEMORY, "<=")
     for elevation in (10.0, 5.0, 2.0, 1.0, 0.5, 0.2, 0.1):
         if not _select("EWA", elevation, "gauss"):
             continue
