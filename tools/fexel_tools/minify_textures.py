@@ -2,7 +2,8 @@
 
 A texture that is nested in another one takes the filter of the one around it and is left out, unless it authors a
 filter of its own. So is the fallback inside a fexel texture, which fexel does not draw. Textures in variants that are
-not selected are found as well: a filter must not be lost when somebody chooses another look.
+not selected are found as well: a filter must not be lost when somebody chooses another look. Of prims inside instances
+only the selected ones are: the session layer, which selects the others, has no say there.
 """
 
 from __future__ import annotations
