@@ -46,9 +46,9 @@ def source_of(file, **settings):
     return ImageSource(file, **{"wrap": ("repeat", "repeat"), **settings})
 
 
-def all_texels(source, number=NUMBER, reader=None, vectors=False):
+def all_texels(source, number=NUMBER, reader=None):
     """Every level of the longest chain."""
-    reader, chain = reader or ChainTexels(), Chain(source, number, DIRECTIONS[number].octaves, vectors)
+    reader, chain = reader or ChainTexels(), Chain(source, number, DIRECTIONS[number].octaves)
     facts = reader.facts(chain, "/Texture")
     sizes = [tuple(max(1, size >> level) for size in facts.size) for level in range(facts.last_level + 1)]
     return [reader.window(chain, "/Texture", level, (0, 0, *size)) for level, size in enumerate(sizes)]
@@ -97,13 +97,12 @@ def test_another_content_or_anything_else_done_to_it_has_a_file_of_its_own(pictu
         fresh = all_texels(source_of(picture, **kind))
         assert len(beside(picture)) == count
         assert same(all_texels(source_of(picture, **kind), reader=ChainTexels(base=_HeadersOnly())), fresh)
-    all_texels(source_of(picture), vectors=True)
     all_texels(source_of(picture), number=5)
-    assert len(beside(picture)) == len(kinds) + 2
+    assert len(beside(picture)) == len(kinds) + 1
     before = all_texels(source_of(picture))
     write(picture, rng.integers(0, 255, (40, 60, 3), np.uint8))
     assert not same(all_texels(source_of(picture)), before)
-    assert len(beside(picture)) == len(kinds) + 3
+    assert len(beside(picture)) == len(kinds) + 2
 
 
 def test_file_that_is_rewritten_in_place_with_its_size_and_time_has_chains_of_its_own(tmp_path, rng):

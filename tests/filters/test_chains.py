@@ -291,26 +291,6 @@ def test_colours_of_transparent_texels_do_not_bleed_into_chains(tmp_path, rng):
                 assert (linear[..., :3] <= linear[..., 3:] + 0.005).all()
 
 
-@pytest.mark.parametrize("scaled", [False, True])
-def test_normal_maps_hold_unit_vectors_at_every_level(tmp_path, rng, scaled):
-    vectors = rng.standard_normal((48, 48, 3)) * [0.5, 0.5, 0.2] + [0, 0, 1]
-    vectors /= np.linalg.norm(vectors, axis=-1, keepdims=True)
-    file = write(tmp_path / "normal.png", ((vectors + 1) / 2 * 65535 + 0.5).astype(np.uint16))
-    how = {"scale": (2.0, 2.0, 2.0, 1.0), "bias": (-1.0, -1.0, -1.0, 0.0)} if scaled else {}
-    source = ImageSource(file, color_space="raw", wrap=("repeat", "repeat"), **how)
-    reader = ChainTexels()
-    for number in (0, 5, 7, 10):
-        for vector_chain in (True, False):
-            for _, _, texels in every_level(reader, Chain(source, number, 3, vector_chain)):
-                values = texels[..., :3].astype(np.float64)
-                length = np.linalg.norm(values if scaled else 2 * values - 1, axis=-1)
-                assert (np.abs(length - 1) < 2e-3).all() == vector_chain
-    opposite = np.zeros((4, 4, 4), np.float32) + [0.5, 0.5, 0.5, 1]  # vectors that cancel out stay, and are no NaN
-    assert all(
-        np.isfinite(texels).all() for texels in cells(opposite, 6, ("repeat", "repeat"), vectors=True)[1].values()
-    )
-
-
 def test_a_missing_file_makes_chains_of_its_fallback_and_warns_once(tmp_path):
     source = ImageSource(str(tmp_path / "missing.png"), wrap=("repeat", "repeat"), fallback=(0.25, 0.5, 1.0, 1.0))
     reader = ChainTexels()

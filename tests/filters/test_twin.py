@@ -300,20 +300,6 @@ def test_alpha_is_filtered_with_its_colour(rng):
         np.testing.assert_allclose(value[:, :3], value[:, 3:] * [0.8, 0.3, 0.1], atol=1e-5)
 
 
-def test_vectors_keep_their_length():
-    y, x = np.mgrid[:64, :64]
-    normal = np.dstack([np.sin(x * 0.7), np.sin(y * 0.9), np.ones_like(x) * 0.6])
-    normal /= np.linalg.norm(normal, axis=2, keepdims=True)
-    image = np.dstack([0.5 * normal + 0.5, np.ones_like(x)])
-    jacobian = np.repeat(np.diag([30.0, 1.25])[None], 16, axis=0)
-    xy = np.stack([np.full(16, 30.0), np.arange(16) + 0.5], 1)
-    lengths = {}
-    for vectors in (False, True):
-        value, _ = FilterTwin(image, REPEAT, vectors=vectors).sample("ripmap", xy, jacobian)
-        lengths[vectors] = np.linalg.norm(2 * value[:, :3] - 1, axis=1).mean()
-    assert lengths[True] > 0.95 > lengths[False]
-
-
 def test_unknown_filter_is_refused_by_name():
     twin = FilterTwin(np.zeros((2, 2, 4)), REPEAT)
     with pytest.raises(FexelError, match=r"trilinear.*mipmap"):

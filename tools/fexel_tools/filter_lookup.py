@@ -51,7 +51,6 @@ def look_up(
     memory_mb: float = 512.0,
     anisotropy: float = 8.0,
     seen: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]] | None = None,
-    vectors: bool = False,
     kernel: str = DEFAULT_KERNEL,
     accesses: int = DEFAULT_ACCESSES,
 ) -> Looked:
@@ -69,7 +68,6 @@ def look_up(
     memory_mb, anisotropy : float
     seen : Jacobians (K, P, 2, 2), low and high (K, 2), optional
         What is foreseen instead of the very lookups; see `FilterView.of`.
-    vectors : bool
     kernel : str
         One of `fexel.filters.KERNELS`.
     accesses : int
@@ -82,7 +80,7 @@ def look_up(
     reach = 0.5 * np.abs(jacobian).sum(axis=2) / [width, height]
     usable = np.isfinite(reach).all(axis=1) & (reach < 1e6).all(axis=1) & np.isfinite(uv).all(axis=1)
     low, high = (np.where(usable[:, None], bound, edge) for bound, edge in ((uv - reach, 0.0), (uv + reach, 1.0)))
-    view = FilterView.of(pool, source, "/Image", token, *(seen or (jacobian, low, high)), vectors=vectors)
+    view = FilterView.of(pool, source, "/Image", token, *(seen or (jacobian, low, high)))
     view.ask(pool)
     pool.load()
     start, _ = write_image_records([view], pool)

@@ -201,7 +201,7 @@ class _Drawer:
         jacobians = np.broadcast_to(jacobian, (len(xy), 2, 2))
         if self._gl is None:
             return self._computed(token, xy, jacobians)
-        source, vectors = self._subject.source, self._subject.vectors
+        source = self._subject.source
         token, kernel = ("fipmap", "gauss") if token == GAUSS_FIPMAP else (token, "box")
         xy = xy % (2 * np.array(self._subject.size)) if source.wrap[0] in ("repeat", "mirror") else xy  # float32 there
         looked = look_up(
@@ -212,7 +212,6 @@ class _Drawer:
             jacobians,
             memory_mb=_MEMORY_MB,
             anisotropy=self._anisotropy,
-            vectors=vectors,
             kernel=kernel,
             seen=(jacobian[None, None], *_bounds(xy, jacobian, self._subject.size)),
         )
@@ -220,7 +219,7 @@ class _Drawer:
 
     def _computed(self, token: str, xy: NDArray, jacobians: NDArray) -> tuple[NDArray[np.float32], float]:
         if self._twin is None:
-            self._twin = FilterTwin(self._subject.image, self._subject.source.wrap, vectors=self._subject.vectors)
+            self._twin = FilterTwin(self._subject.image, self._subject.source.wrap)
         options = {"probes": int(self._anisotropy)} if token == "anisotropic" else {}
         if token == GAUSS_FIPMAP:
             token, options = "fipmap", {"gauss": True}

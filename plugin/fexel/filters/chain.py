@@ -34,8 +34,6 @@ class Chain:
         Of `fexel.filters.shears.FINE_DIRECTIONS`.
     octaves : int
         Log2 of how much coarser the long axis is; >= 1.
-    vectors : bool
-        The image holds vectors (a normal map): every level is renormalised.
     reader : TexelReader, optional
         Of the image; default that of image files.
     blur : float
@@ -45,7 +43,6 @@ class Chain:
     image: Hashable
     direction: int
     octaves: int
-    vectors: bool = False
     reader: TexelReader | None = field(default=None, compare=False, repr=False)
     blur: float = SHORT_BLUR
 

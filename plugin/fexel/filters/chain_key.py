@@ -18,7 +18,7 @@ FORMAT_VERSION = 2
 """Raised with every change of what is in a file, or of how it is computed."""
 
 
-def chain_key(source: ImageSource, facts: ImageFacts, layout: ChainLayout, vectors: str) -> bytes | None:
+def chain_key(source: ImageSource, facts: ImageFacts, layout: ChainLayout) -> bytes | None:
     """32 bytes that are equal where the texels are; None where a file cannot be read.
 
     Parameters
@@ -26,8 +26,6 @@ def chain_key(source: ImageSource, facts: ImageFacts, layout: ChainLayout, vecto
     source : ImageSource
     facts : ImageFacts
     layout : ChainLayout
-    vectors : str
-        How vectors are renormalised; empty where there are none.
     """
     try:
         files = [_digest(path) if path else b"" for path in (source.file, source.mask)]
@@ -35,7 +33,7 @@ def chain_key(source: ImageSource, facts: ImageFacts, layout: ChainLayout, vecto
         return None
     done = (
         FORMAT_VERSION,
-        *(source.color_space, source.scale, source.bias, facts.page_class, vectors, layout.blur),
+        *(source.color_space, source.scale, source.bias, facts.page_class, layout.blur),
         *(layout.direction.long_axis, layout.direction.shear, layout.size, layout.image_wrap, layout.octaves),
     )
     return hashlib.sha256(b"".join(files) + repr(done).encode()).digest()

@@ -6,7 +6,7 @@ import threading
 from collections.abc import Callable, Hashable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,9 +23,8 @@ from fexel.filters.chain_cache import (
 )
 from fexel.filters.chain_key import chain_key
 from fexel.filters.chain_layout import SHORT_BLUR, ChainLayout
-from fexel.filters.unit_vectors import unit_vectors
 from fexel.textures.atlas import Box
-from fexel.textures.image_source import BIAS_ZERO, SCALE_ONE, ImageSource
+from fexel.textures.image_source import ImageSource
 from fexel.textures.kept_texels import KeptTexels
 from fexel.textures.page_format import HALF
 from fexel.textures.page_texels import decode_page, encode_page, texel_items
@@ -116,7 +115,7 @@ class ChainTexels:
         if facts.info is None or layout.total * 4 * _dtype(facts).itemsize < _LEAST_BYTES:
             return [], None
         folders = cache_folders(source.file)
-        return folders, chain_key(source, facts, layout, _vectors(chain, facts)) if folders else None
+        return folders, chain_key(source, facts, layout) if folders else None
 
     def _build(self, chain: Chain, path: str, facts: ImageFacts, layout: ChainLayout) -> tuple[Cells, int]:
         """Cells, and how much memory they take."""
@@ -140,14 +139,13 @@ class ChainTexels:
 
     def _fill(self, chain: Chain, path: str, facts: ImageFacts, layout: ChainLayout, made: Cells) -> None:
         reader, lock = self._reader(chain), threading.Lock()
-        vectors = _vectors(chain, facts)
 
         def read(box: Box) -> NDArray:
             with lock:
                 return reader.window(chain.image, path, 0, box)[1:-1, 1:-1]
 
         def encode(texels: NDArray[np.float32]) -> NDArray:
-            return encode_page(unit_vectors(texels, vectors == "coded") if vectors else texels, facts.page_class)
+            return encode_page(texels, facts.page_class)
 
         lines = _lines_of(read, layout)
         build_chains(layout, lambda first, end: decode_page(lines(first, end), facts.page_class), encode, made)
@@ -157,7 +155,6 @@ def cells(
     image: NDArray[np.float32],
     direction: int,
     wrap: tuple[str, str],
-    vectors: bool = False,
     blur: float = SHORT_BLUR,
 ) -> tuple[ChainLayout, Cells]:
     """Chains of an image in memory, as floats.
@@ -169,8 +166,6 @@ def cells(
     direction : int
     wrap : (str, str)
         Resolved wrap modes.
-    vectors : bool
-        rgb holds (v + 1) / 2 of unit vectors v.
     blur : float
         Of their `ChainLayout`.
     """
@@ -180,26 +175,16 @@ def cells(
     def read(box: Box) -> NDArray[np.float32]:
         return image[box[1] : box[3], box[0] : box[2]].astype(np.float32)
 
-    build_chains(layout, _lines_of(read, layout), (lambda x: unit_vectors(x, True)) if vectors else (lambda x: x), made)
+    build_chains(layout, _lines_of(read, layout), lambda texels: texels, made)
     return layout, made
 
 
 def _name(chain: Chain, layout: ChainLayout) -> Hashable:
-    return ChainTexels, chain.image, chain.direction, chain.vectors, layout.octaves, layout.blur
+    return ChainTexels, chain.image, chain.direction, layout.octaves, layout.blur
 
 
 def _dtype(facts: ImageFacts) -> np.dtype:
     return np.dtype(np.float16 if facts.page_class == HALF else np.uint8)
-
-
-def _vectors(chain: Chain, facts: ImageFacts) -> str:
-    """``coded`` where colours hold (v + 1) / 2: of a file of integers whose values are used as they are."""
-    if not chain.vectors:
-        return ""
-    source: Any = chain.image
-    changed = getattr(source, "scale", SCALE_ONE), getattr(source, "bias", BIAS_ZERO)
-    integers = facts.info is None or facts.info.dtype.startswith("uint")
-    return "coded" if changed == (SCALE_ONE, BIAS_ZERO) and integers else "as they are"
 
 
 def _lines_of(read: Callable[[Box], NDArray], layout: ChainLayout) -> Callable[[int, int], NDArray]:

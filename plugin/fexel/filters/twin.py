@@ -32,14 +32,11 @@ class FilterTwin:
         Linear, premultiplied, row 0 at the top.
     wrap : (str, str)
         Along x and y: ``repeat``, ``mirror``, ``clamp``, ``black`` or ``patch``.
-    vectors : bool
-        rgb holds (v + 1) / 2 of unit vectors v: chains are renormalised.
     """
 
-    def __init__(self, image: NDArray[np.floating], wrap: tuple[str, str], *, vectors: bool = False) -> None:
+    def __init__(self, image: NDArray[np.floating], wrap: tuple[str, str]) -> None:
         self.image = np.asarray(image, np.float32)
         self.wrap = wrap
-        self._vectors = vectors
         self._chains: dict[tuple[int, float], tuple[ChainLayout, Cells]] = {}
 
     @cached_property
@@ -132,7 +129,7 @@ class FilterTwin:
             st = np.stack([at[:, 0] / self.image.shape[1], 1 - at[:, 1] / self.image.shape[0]], 1)
             return trilinear(self.levels, st, np.full(len(at), float(level)), self.own_wrap)
         if (direction, blur) not in self._chains:
-            self._chains[direction, blur] = cells(self.image, direction, self.wrap, self._vectors, blur)
+            self._chains[direction, blur] = cells(self.image, direction, self.wrap, blur)
         layout, chains = self._chains[direction, blur]
         cell = layout.cell(octaves, level)
         return _bordered(chains[cell], _place(layout, cell, at))

@@ -82,7 +82,6 @@ class FilterView:
         high: NDArray[np.float64],
         *,
         reader: TexelReader | None = None,
-        vectors: bool = False,
         bias: float = 0.0,
     ) -> FilterView:
         """What pieces of a view want of an image.
@@ -101,8 +100,6 @@ class FilterView:
             Bounds of each piece in [0, 1]^2 of the image, t up, with half a pixel around it; may exceed it.
         reader : TexelReader, optional
             Of the source; default that of image files.
-        vectors : bool
-            The image holds vectors.
         bias : float
             How many mip levels finer than by its size it is read; chains know none.
         """
@@ -121,7 +118,7 @@ class FilterView:
             parts.append(own_part(pool, number, jacobian, wants, window))
             for direction, octaves in sorted(set(zip(wants.direction.tolist(), wants.octaves.tolist(), strict=True))):
                 if octaves:
-                    chain = Chain(source, direction, octaves, vectors, reader, blur)
+                    chain = Chain(source, direction, octaves, reader, blur)
                     parts.append(chain_part(pool, chain, path, pool.facts(number), wants, window))
         if sum(part.nbytes(pool) for part in parts) > _MOST_OF_BUDGET * pool.budget:
             pool.reader(_Remembered).tell(path, token)
