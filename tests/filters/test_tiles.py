@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from bench.image_lookup import look_up
 from bench.zipmap_stage import save
 from fexel.filters import fipmap, ripmap
 from fexel.filters.shears import DIRECTIONS
 from fexel.filters.tiles import Tile, spread
 from fexel.filters.twin import FilterTwin
 from fexel.textures.image_source import ImageSource
+from fexel_tools.filter_lookup import look_up
 from fexel_tools.filter_measure import memory_ratio
 from fexel_tools.filter_truth import FilterTruth
 
