@@ -2,8 +2,8 @@
 
 A ripmap (McReynolds) has a level for every pair of resolutions; its diagonals are chains whose levels halve both axes
 at once, as mip levels do. So a chain is an image with mip levels to all that loads, drops and binds images; the one of
-direction 0 or 3 and 0 octaves is the texture itself. Only chains that are coarser along the long axis are of use
-(notes, F7), in fine directions only those much coarser (`Direction.octaves`): 4/3 of the texture's memory in each of 4
+direction 0 or 3 and 0 octaves is the texture itself. Only chains that are coarser along the long axis are of use,
+in fine directions only those much coarser (`Direction.octaves`): 4/3 of the texture's memory in each of 4
 directions, half of that in 4 more, a quarter in 8 more, 12 times altogether with the texture and its mip levels.
 """
 

@@ -131,7 +131,7 @@ class _Builder:
         """The border of a cell: what its wrap modes continue it with."""
         texels, layout = self._cells[cell], self._layout
         if layout.long_wrap == "repeat":
-            # Across the seam a line is moved by the whole texture's length more (notes, F2).
+            # Across the seam a line is moved by the whole texture's length more: there the shear goes on.
             along = layout.direction.shear * layout.lines * layout.line_size(cell)[1] / layout.texels
             for at, last, shift in ((0, True, -along), (-1, False, along)):
                 line = move_line(self._ends[cell, last][0], shift, layout.moved_wrap)

@@ -3,7 +3,7 @@
 A *line* is a row of texels across the long axis: it moves as one. Cell (n, m) of the ripmap has the lines halved n
 times and the texels of each line m times. Level l of the chain of d octaves is cell (d + l, l), so that chains share no
 cell, and only those of n - m >= `octaves` are needed; where the lines, or the texels, are down to one, several levels
-read the same cell (McReynolds 1998; notes, F4, F7).
+read the same cell (McReynolds 1998).
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 Along its long axis a footprint, a parallelogram, is the convolution of two boxes as long as its sides are along that
 axis: a trapezoid. The texels of a chain are boxes themselves; each counts by how high the trapezoid is over it, and two
 that lie side by side are one bilinear access. All that is read follows from rows of the Jacobian, which float32 has
-exactly, and not from the quadratic form of an ellipse, which it has not (notes, F9).
+exactly, and not from the quadratic form of an ellipse, which it has not.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 Where a line moves by a part of a texel it is resampled between its texels by a windowed sinc. That keeps what a linear
 interpolation would lose (half of the variance of white noise at 1/2; the sinc here loses 4 %), so that neighbouring
-lines are about equally sharp. All other lines move by whole texels, which loses nothing (notes, F2).
+lines are about equally sharp. All other lines move by whole texels, which loses nothing.
 
 Lines are (lines, texels, 4) float32, linear and premultiplied, the moved axis second.
 """

@@ -7,13 +7,13 @@ footprints of that direction run along it (Bornik and Ferko 2002, eq. 1 with a =
     long axis x:  x' = x,  y' = y + k (x - 1/2)        long axis y:  x' = x + k (y - 1/2),  y' = y
 
 so that column i (row j) moves by exactly k i (k j) texels: by whole ones, or by quarters. Tangents beyond 1 describe a
-direction of the other axis a second time, and 1 of x is 1 of y (notes, F1, F5): these sixteen are all in steps of 1/4.
+direction of the other axis a second time, and 1 of x is 1 of y, the diagonal: these sixteen are all in steps of 1/4.
 
 The tilt that a shear leaves matters as the footprint is long. So the finer a direction, the coarser its images begin,
 see `Direction.octaves`: with eight directions of all octaves the memory is the same, 12 times the texture, but lookups
 of 4 accesses are up to 9 dB worse between these directions at an elevation of 1 degree.
 
-Along the axis that is moved a repeating texture stays cyclic, with the same period (notes, F2). Any other texture is
+Along the axis that is moved a repeating texture stays cyclic, with the same period. Any other texture is
 padded there: the moved coordinate is then measured from the smallest one that there is, see `padding`.
 """
 
