@@ -7,7 +7,7 @@
 
 #ifdef AOV_DECISION
 
-const float DECISION_GREEN = 0.70710678;   // cosine to the normal from which a mipmap will do: ratio of axes up to sqrt 2
+const float DECISION_GREEN = 0.70710678;   // cosine to the normal from which a mipmap will do: ratio up to sqrt 2
 const float DECISION_TILTED = 0.5;         // cosine below which shears are worth it: ratio of axes from 2 on
 const float DECISION_TANGENT = 0.25;       // half way from an axis to the first shear, of tangent 1/2
 

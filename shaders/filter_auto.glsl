@@ -1,5 +1,6 @@
-// Per footprint the filter that its image's table names: the cheapest one whose predicted error is small enough. Twin and
-// table: plugin/fexel/filters/auto.py. Included by image.glsl after the filters that it calls. Provides filter_auto.
+// Per footprint the filter that its image's table names: the cheapest one whose predicted error is small enough.
+// Twin and table: plugin/fexel/filters/auto.py. Included by image.glsl after the filters that it calls.
+// Provides filter_auto.
 //
 // Table, behind the image's own record: a texel per sector of the major axis and two minor axes; of each minor axis two
 // components of eight ratios, three bits each.
@@ -16,7 +17,7 @@ const float AUTO_ACCESSES[5] = float[5](4.0, 6.0, 8.0, 12.0, 16.0);
 // Place of a footprint along a logarithmic axis of the table, from 0; a footprint that is not a number is the last one.
 int auto_place(float size, float first, int count)
 {
-    float place = floor(2.0 * log2(max(size, 1e-30)) + 0.5 - first);  // 1e-30 keeps log2 finite on a degenerate footprint
+    float place = floor(2.0 * log2(max(size, 1e-30)) + 0.5 - first);  // 1e-30 keeps log2 finite on degenerate ones
     return place < float(count - 1) ? int(max(place, 0.0)) : count - 1;
 }
 

@@ -1,13 +1,15 @@
 // Lookups in chains of prefiltered images (fexel/filters/chain.py). Included by image.glsl, for ripmap and fipmap.
-// Provides ChainRows, chain_rows, chain_along_x, chain_level, chain_seen, chain_octaves, ChainExtent, chain_plain, chain_extent, ChainCell, chain_cell, chain_page,
-// ChainBoxes, chain_boxes, chain_box. Twin of fexel/filters/lookup.py.
+// Provides ChainRows, chain_rows, chain_along_x, chain_level, chain_seen, chain_octaves, ChainExtent, chain_plain,
+// chain_extent, ChainCell, chain_cell, chain_page, ChainBoxes, chain_boxes, chain_box. Twin of fexel/filters/lookup.py.
 //
-// A footprint is moved along a direction (fexel/filters/shears.py). A cell of that direction has texels that are 2^level
-// wide along the axis that is moved, and 2^octaves longer along the other one, the long axis. Vectors of what is moved have
-// the long axis first; places are in periods of the cell, or parts of it where it does not repeat.
+// A footprint is moved along a direction (fexel/filters/shears.py). A cell of that direction has texels that are
+// 2^level wide
+// along the axis that is moved, and 2^octaves longer along the other one, the long axis. Vectors of what is moved
+// have the long axis first; places are in periods of the cell, or parts of it where it does not repeat.
 //
-// Defines: IMAGE_ACCESSES bilinear accesses of a lookup; IMAGE_GAUSS 1 where pixels are Gaussians; IMAGE_WRAPS, IMAGE_ENDS, IMAGE_MIRROR 1 where any image repeats along
-// an axis, ends there, or is mirrored. The table of an image is described in fexel/filters/chain_table.py.
+// Defines: IMAGE_ACCESSES bilinear accesses of a lookup; IMAGE_GAUSS 1 where pixels are Gaussians; IMAGE_WRAPS,
+// IMAGE_ENDS, IMAGE_MIRROR 1 where any image repeats along an axis, ends there, or is mirrored.
+// The table of an image is described in fexel/filters/chain_table.py.
 #if defined(IMAGE_LEVELS) && IMAGE_CHAINS
 
 const float CHAIN_LARGEST = 1e9;    // texels per pixel, what the whole image is seen by
@@ -27,8 +29,8 @@ const int CHAIN_STEPS = 4;
 #endif
 const int CHAIN_SLANTS = 2 * (2 * CHAIN_STEPS + 1);
 
-// Rows of the Jacobian in texels of level 0, x right and y down (how much x and y change per pixel along x and y), their
-// squares and product, and the area of the footprint.
+// Rows of the Jacobian in texels of level 0, x right and y down (how much x and y change per pixel along x and y),
+// their squares and product, and the area of the footprint.
 struct ChainRows {
     vec2 x;
     vec2 y;

@@ -1,6 +1,6 @@
 // The elliptical weighted average: every texel under a Gaussian that the Jacobian makes of a round one of half a pixel.
-// Paul Heckbert, "Fundamentals of Texture Mapping and Image Warping", 1989, chapter 3. Twin: plugin/fexel/filters/ewa.py.
-// Included by image.glsl. Provides filter_ewa. Units: texels, y as t, upwards.
+// Paul Heckbert, "Fundamentals of Texture Mapping and Image Warping", 1989, chapter 3.
+// Twin: plugin/fexel/filters/ewa.py. Included by image.glsl. Provides filter_ewa. Units: texels, y as t, upwards.
 //
 // Taps are not capped: 3400 at an elevation of 0.1 degrees. This is a reference to compare with, not to draw with.
 
@@ -9,7 +9,7 @@
 const float EWA_RADIUS = 2.0;          // standard deviations
 const float EWA_LEAST_MINOR = 1.5;     // texels that the minor axis spans at least, beyond level 0
 const float EWA_MOST_RATIO = 1024.0;   // of the axes; a longer ellipse is as wide as that
-const float EWA_LARGEST = 1e9;         // texels per pixel: more, or not a number, is the whole image; squared twice it is a float
+const float EWA_LARGEST = 1e9;         // texels per pixel: more is the whole image; squared twice it is a float
 const int EWA_MOST_TAPS = 1 << 17;     // ends the loop whatever the data say; more than EWA_MOST_RATIO leaves
 
 struct Ellipse {

@@ -1,6 +1,6 @@
-// Fipmap (Bornik and Ferko 2002, section 3.2): per pixel the direction whose chains have the footprint's long side along an
-// axis. Twin of fexel/filters/fipmap.py, which says why. Included by image.glsl. Provides filter_fipmap
-// (where pixels are boxes; else filter_fipmap_gauss.glsl does), fipmap_sample.
+// Fipmap (Bornik and Ferko 2002, section 3.2): per pixel the direction whose chains have the footprint's long side
+// along an axis. Twin of fexel/filters/fipmap.py, which says why. Included by image.glsl. Provides filter_fipmap (where
+// pixels are boxes; else filter_fipmap_gauss.glsl does), fipmap_sample.
 #if defined(IMAGE_LEVELS) && (IMAGE_FILTER_FIPMAP || IMAGE_FILTER_AUTO)
 
 const float FIPMAP_COMPACT = 1.125;
@@ -30,7 +30,8 @@ FipmapPoints fipmap_points(ChainRows rows, float root, float major, float minor,
     float boxes = 0.25 * chain_exp2(2 * level) - 0.25;    // variance that the level has beyond level 0, texels^2
     float along = sqrt(max(major * major / 12.0 - boxes, 0.0) * 12.0 / (0.25 * accesses * accesses - 1.0));
     float across = sqrt(max(minor * minor / 12.0 - boxes, 0.0));
-    return FipmapPoints((1.0 - one) * along * axis, one * major * axis, (1.0 - narrow) * across * vec2(-axis.y, axis.x));
+    vec2 normal = vec2(-axis.y, axis.x);
+    return FipmapPoints((1.0 - one) * along * axis, one * major * axis, (1.0 - narrow) * across * normal);
 }
 
 vec2 fipmap_point(FipmapPoints points, float number, float accesses)

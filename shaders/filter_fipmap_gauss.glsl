@@ -1,6 +1,6 @@
-// Fipmap that weights a footprint by a Gaussian of a standard deviation of half a pixel, as EWA does, in place of the box
-// of a pixel. Twin of fexel/filters/fipmap.py and lookup.py (gauss=True). Included by image.glsl after filter_fipmap.glsl.
-// Provides filter_fipmap.
+// Fipmap that weights a footprint by a Gaussian of a standard deviation of half a pixel, as EWA does, in place of the
+// box of a pixel. Twin of fexel/filters/fipmap.py and lookup.py (gauss=True). Included by image.glsl after
+// filter_fipmap.glsl. Provides filter_fipmap.
 #if defined(IMAGE_LEVELS) && IMAGE_FILTER_FIPMAP && IMAGE_GAUSS
 
 const float GAUSS_ACCESSES = float(IMAGE_ACCESSES);

@@ -1,20 +1,20 @@
-// An image looked up at any mip level or footprint: the one place that chooses levels and filters, for kinds that find out
-// where to look. Requires texture_data.glsl.
+// An image looked up at any mip level or footprint: the one place that chooses levels and filters, for kinds that find
+// out where to look. Requires texture_data.glsl.
 // Provides Image, image_open, image_flat, image_at_level, image_filter, image_sample.
 //
-// Defines, without which there is nothing: IMAGE_SRGB, IMAGE_HALF pages that hold images; IMAGE_LEVELS 1 where each is seen at one mip level only, else 2;
-// IMAGE_PROBES 1 for anisotropic probes; IMAGE_WRAPS 0 where all clamp; IMAGE_ENDS, IMAGE_MIRROR 1 where any
-// image ends along an axis, or is mirrored;
-// IMAGE_GAUSS 1 where fipmaps show Gaussians, not boxes; IMAGE_FILTER_<TOKEN> 1 for every filter that there is among the images; see also the filters' own files.
+// Defines, without which there is nothing: IMAGE_SRGB, IMAGE_HALF pages that hold images; IMAGE_LEVELS 1 where each is
+// seen at one mip level only, else 2; IMAGE_PROBES 1 for anisotropic probes; IMAGE_WRAPS 0 where all clamp; IMAGE_ENDS,
+// IMAGE_MIRROR 1 where any image ends along an axis, or is mirrored; IMAGE_GAUSS 1 where fipmaps show Gaussians, not
+// boxes; IMAGE_FILTER_<TOKEN> 1 for every filter that there is among the images; see also the filters' own files.
 //
 // Record, written by fexel/textures/image_view.py:
-//   0  width and height of level 0; codes = finest + 16 coarsest level + 256 page class + 1024 wrap mode along s + 4096 along t
-//      + 16384 filter; how many levels finer than by its size it is read
+//   0  width and height of level 0; codes = finest + 16 coarsest level + 256 page class + 1024 wrap mode along s
+//      + 4096 along t + 16384 filter; how many levels finer than by its size it is read
 //   1  per level from the finest on: page coordinates of its lower left corner, and of that of the next coarser one
 // and where its filter uses chains, the table of filter_chains.glsl.
 //
-// Nothing here is skipped by branching, and loops leave behind only what a repetition of their last round does not change
-// (see zipmap_tree.glsl).
+// Nothing here is skipped by branching, and loops leave behind only what a repetition of their last round does not
+// change (see zipmap_tree.glsl).
 #include "texture_data.glsl"
 #include "common_footprint.glsl"
 #include "common_wrap.glsl"
@@ -85,8 +85,8 @@ vec4 image_page(Image image, vec2 page)
 #endif
 }
 
-// One bilinear fetch of a level; beyond the border of the image it stops at the texel past it, which holds what the wrap
-// mode continues the image with. corner: page coordinates of uv (0, 0); size: texels of the level.
+// One bilinear fetch of a level; beyond the border of the image it stops at the texel past it, which holds what the
+// wrap mode continues the image with. corner: page coordinates of uv (0, 0); size: texels of the level.
 vec4 image_texel(Image image, vec2 uv, vec2 corner, vec2 size)
 {
     vec2 halves = clamp(2.0 * uv * size, vec2(-1.0), 2.0 * size + 1.0);
@@ -132,11 +132,12 @@ vec4 image_at_level(Image image, vec2 uv, float level)
 
 #if defined(IMAGE_LEVELS)
 
-// uv: in [0, 1]^2 of the image, t up, wrapped here; dx, dy: its derivatives per pixel; lod: the mip level that was meant,
-// negative when magnified. Linear, premultiplied.
+// uv: in [0, 1]^2 of the image, t up, wrapped here; dx, dy: its derivatives per pixel; lod: the mip level that was
+// meant, negative when magnified. Linear, premultiplied.
 vec4 image_filter(Image image, vec2 uv, vec2 dx, vec2 dy, float maxProbes, out float lod)
 {
-#if IMAGE_FILTER_MIPMAP + IMAGE_FILTER_ANISOTROPIC + IMAGE_FILTER_RIPMAP + IMAGE_FILTER_FIPMAP + IMAGE_FILTER_EWA + IMAGE_FILTER_AUTO == 1
+#if IMAGE_FILTER_MIPMAP + IMAGE_FILTER_ANISOTROPIC + IMAGE_FILTER_RIPMAP + IMAGE_FILTER_FIPMAP + IMAGE_FILTER_EWA \
+    + IMAGE_FILTER_AUTO == 1
 #define IMAGE_IS(code) true
 #else
 #define IMAGE_IS(code) image.filterCode == code

@@ -1,5 +1,6 @@
 // What lookups take, for the AOVs that tell of it: nothing is compiled otherwise.
-// Defines: LOOKUP_COUNTS 1 where it is asked for. Provides LOOKUP_COUNT, LOOKUP_FILTER; then also lookupFetches, lookupFilter.
+// Defines: LOOKUP_COUNTS 1 where it is asked for.
+// Provides LOOKUP_COUNT, LOOKUP_FILTER; then also lookupFetches, lookupFilter.
 #ifndef LOOKUP_COUNTS
 #define LOOKUP_COUNTS 0
 #endif

@@ -35,7 +35,7 @@ layout(location = AOV_PATCH) out float outPatch;
 #ifdef AOV_FOOTPRINT
 uniform vec4 mainTexels[3];      // from (local st, 1) to texels of the main texture's base image, t up: x w, y w, w
 vec3 footprint = vec3(0.0);
-layout(location = AOV_FOOTPRINT) out vec4 outFootprint;           // texels, texels, radians from +s towards +t in [0, pi)
+layout(location = AOV_FOOTPRINT) out vec4 outFootprint;           // texels, texels, radians from +s towards +t
 #endif
 #ifdef AOV_FETCHES
 layout(location = AOV_FETCHES) out float outFetches;              // texels

@@ -1,10 +1,10 @@
-// What is done to the filtered colour of a texture: vectors are renormalised, so that a bumpy surface does not turn dark far
-// away; contrast and brightness (Bornik and Ferko 2002, eq. 1: s and o); its fade with distance, as haze does.
+// What is done to the filtered colour of a texture: vectors are renormalised, so that a bumpy surface does not turn
+// dark far away; contrast and brightness (Bornik and Ferko 2002, eq. 1: s and o); its fade with distance, as haze does.
 // Requires TEXTURE_COUNT; eyePosition and viewDirection of mesh.frag. Provides camera_distance, texture_remains,
 // adjust_texel.
 //
-// Defines: TEXTURE_RENORMALISED, TEXTURE_TONED, TEXTURE_ATTENUATED: bit i for slot i; none is there where no texture asks
-// for it.
+// Defines: TEXTURE_RENORMALISED, TEXTURE_TONED, TEXTURE_ATTENUATED: bit i for slot i; none is there where no texture
+// asks for it.
 
 #if defined(TEXTURE_RENORMALISED) || defined(TEXTURE_TONED) || defined(TEXTURE_ATTENUATED)
 #define TEXTURE_ADJUSTED 1

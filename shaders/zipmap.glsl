@@ -8,7 +8,8 @@
 // Defines: ZIPMAP_SLOTS textures of the material; ZIPMAP_CODES<slot> 0 for the index, below 0 for a lone root, else what
 // zipmap_list.glsl says; ZIPMAP_TREE, ZIPMAP_ROOTS, ZIPMAP_LAYERS whether any slot goes by the index, how many are lone
 // roots, and the longest list; ZIPMAP_FILTERED 1 where layers within an index are looked up by image.glsl; ZIPMAP_OUTSIDE
-// 1 where the root is seen outside of [0, 1]^2; ZIPMAP_SCALED 0 where no slot has a scale or bias; ZIPMAP_SRGB, ZIPMAP_HALF which pages there are;
+// 1 where the root is seen outside of [0, 1]^2; ZIPMAP_SCALED 0 where no slot has a scale or bias; ZIPMAP_SRGB,
+// ZIPMAP_HALF which pages there are;
 // ZIPMAP_KIND<k>_SAMPLE the function that samples patches of another kind, where there are any of kind number k.
 #include "texture_data.glsl"
 #include "common_footprint.glsl"
