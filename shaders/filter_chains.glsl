@@ -3,9 +3,8 @@
 // chain_extent, ChainCell, chain_cell, chain_page, ChainBoxes, chain_boxes, chain_box. Twin of fexel/filters/lookup.py.
 //
 // A footprint is moved along a direction (fexel/filters/shears.py). A cell of that direction has texels that are
-// 2^level wide
-// along the axis that is moved, and 2^octaves longer along the other one, the long axis. Vectors of what is moved
-// have the long axis first; places are in periods of the cell, or parts of it where it does not repeat.
+// 2^level wide along the axis that is moved, and 2^octaves longer along the other one, the long axis. Vectors of what
+// is moved have the long axis first; places are in periods of the cell, or parts of it where it does not repeat.
 //
 // Defines: IMAGE_ACCESSES bilinear accesses of a lookup; IMAGE_GAUSS 1 where pixels are Gaussians; IMAGE_WRAPS,
 // IMAGE_ENDS, IMAGE_MIRROR 1 where any image repeats along an axis, ends there, or is mirrored.

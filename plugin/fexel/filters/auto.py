@@ -24,13 +24,10 @@ from fexel.textures.footprint import Footprint
 if TYPE_CHECKING:
     from fexel.filters.twin import FilterTwin
 
-__all__ = ["BOUND_DB", "CHAINS", "Choice", "choose", "decibels", "decide", "lods", "predict", "record", "sample"]
+__all__ = ["BOUND_DB", "Choice", "choose", "decibels", "decide", "lods", "predict", "record", "sample"]
 
 BOUND_DB = 40.0
 """A bound that means something to a person: errors of 2.6 of 255 steps, which are hardly seen."""
-
-CHAINS = True
-"""Chains may be wanted, as of a fipmap."""
 
 _PRICE = 1 / 16  # of a fetch, in squares of the bound: more is not spent on coming nearer to it
 _SHARE = 0.5  # of the fetches of the reference
