@@ -92,7 +92,7 @@ def _key(width: int) -> NDArray[np.uint8]:
     panel = caption_strip(width, _HEADING_PX, ("truth", "mean over the pixel", "error 0"))
     top, bottom, left, right = _KEY
     panel[top:bottom, left:right] = _map_colors(np.linspace(0, 1, right - left))[None]
-    panel[40:, right + 1 :] = caption_strip(width - right - 1, _HEADING_PX - 40, (f"{ERROR_FULL:g}",))
+    panel[36:, right + 1 :] = caption_strip(width - right - 1, _HEADING_PX - 36, (f"{ERROR_FULL:g}",))
     return panel
 
 
