@@ -195,7 +195,7 @@ def test_contact_sheet_that_nobody_named_replaces_no_input(folder):
 
 def test_report_replaces_no_stage_of_the_folder(folder):
     Path("icons").mkdir()
-    assert failure("drop.svg", "-o", "icons/", "--report", "icons/drop.usda").startswith("icons/drop.usda: is an image")
+    assert failure("drop.svg", "-o", "icons/", "--report", "icons/drop.usda").startswith("icons/drop.usda: is an input")
 
 
 def test_one_file_into_a_folder(folder):

@@ -390,7 +390,7 @@ def test_faults_are_named_in_one_line_and_leave_nothing(folder):
     assert "--size" in failure("oak.png", "-o", "out.usda", "--size", "2:1")
     assert "--size: 5" in failure("oak.png", "-o", "out.usda", "--grid", "3x3", "--size", "50:59")
     assert "output is '.png'" in failure("oak.png", "-o", "out.png")
-    assert "is an image" in failure("oak.png", "-o", "out.usda", "--report", "oak.png")
+    assert "is an input" in failure("oak.png", "-o", "out.usda", "--report", "oak.png")
     assert "expected a .png" in failure("oak.png", "-o", "out.usda", "--sheet", "s.jpg")
     assert "places.csv" in failure("oak.png", "-o", "out.usda", "--arrangement", "places.csv")
     assert sorted(p.name for p in folder.iterdir()) == before

@@ -136,7 +136,7 @@ def test_border_of_an_opaque_patch_has_neither_seam_nor_fringe(gl, tmp_path, gre
     assert picture[..., :3].min() >= 0
     assert picture[..., :3].max() <= 1 + 1e-3
     error, before = (np.abs(each - truth)[inside][:, 0] for each in (picture, plain))
-    assert error.max() < 0.2  # of single pixels; anisotropic lookups have up to 0.9
+    assert error.max() < 0.22  # of single pixels; anisotropic lookups have up to 0.9
     assert np.sqrt(np.mean(error**2)) < 0.5 * np.sqrt(np.mean(before**2))
 
 
