@@ -79,10 +79,10 @@ class Renderer:
             raise FexelError(f"texture memory: {texture_memory_mb} MB, expected more than 0")
         if not 1 <= anisotropy <= MAX_ANISOTROPY:
             raise FexelError(f"anisotropy: {anisotropy}, expected 1 to {MAX_ANISOTROPY}")
-        self._options: dict[str, Any] = {"texture_memory_mb": float(texture_memory_mb), "anisotropy": int(anisotropy)}
-        self._options["filter"] = None if filter is None else checked_filter(filter)
-        self._options["filter_kernel"] = checked_kernel(filter_kernel)
-        self._options["fipmap_accesses"] = checked_accesses(fipmap_accesses, filter_kernel)
+        self._texture_options: dict[str, Any] = {"memory_mb": float(texture_memory_mb), "anisotropy": int(anisotropy)}
+        self._texture_options["filter"] = None if filter is None else checked_filter(filter)
+        self._texture_options["filter_kernel"] = checked_kernel(filter_kernel)
+        self._texture_options["fipmap_accesses"] = checked_accesses(fipmap_accesses, filter_kernel)
         self._context = GLContext()
         self._frames: FrameRenderer | None = None
         self._reader: tuple[tuple, SceneReader] | None = None
@@ -194,7 +194,7 @@ class Renderer:
             warnings.warn("the stage has nothing to draw; the image is empty", FexelWarning, stacklevel=2)
         with self._context as gl:
             if self._frames is None:
-                self._frames = FrameRenderer(gl, **self._options)
+                self._frames = FrameRenderer(gl, self._texture_options)
             self._frame_count += 1
             return self._frames.draw(scene, settings)
 

@@ -6,12 +6,12 @@ differs between draws. Uniforms that a program does not use are skipped.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fexel.filters import DEFAULT_ACCESSES, DEFAULT_KERNEL
 from fexel.renderer.brdf_table import ggx_albedo
 from fexel.renderer.lighting import AnalyticLights, DomeTextures, analytic_lights, world_lights
 from fexel.renderer.mesh_buffers import MeshBuffers, MeshCache, rebased_buffers
@@ -49,21 +49,11 @@ class Pass:
 
 
 class DrawState:
-    """State of one context from draw to draw."""
+    """State of one context from draw to draw; `texture_options` are keywords of `TextureSystem`."""
 
-    def __init__(
-        self,
-        gl: moderngl.Context,
-        *,
-        texture_memory_mb: float,
-        anisotropy: int,
-        filter: str | None = None,
-        filter_kernel: str = DEFAULT_KERNEL,
-        fipmap_accesses: int = DEFAULT_ACCESSES,
-    ) -> None:
+    def __init__(self, gl: moderngl.Context, texture_options: Mapping[str, Any]) -> None:
         self._gl = gl
-        self._texture_options: dict[str, Any] = {"memory_mb": texture_memory_mb, "anisotropy": anisotropy}
-        self._texture_options |= {"filter": filter, "filter_kernel": filter_kernel, "fipmap_accesses": fipmap_accesses}
+        self._texture_options = texture_options
         self.programs = ProgramCache(gl)
         self.meshes = MeshCache(gl)
         self._domes = DomeTextures(gl, self.programs)

@@ -10,15 +10,14 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from fexel.errors import FexelError
-from fexel.filters import DEFAULT_ACCESSES, DEFAULT_KERNEL
 from fexel.renderer.aov import AOVS, Aov, aov_defines, data_aovs
 from fexel.renderer.draw_state import DrawState
 from fexel.renderer.targets import DataTarget, Targets
@@ -101,28 +100,15 @@ class FrameStats:
 
 
 class FrameRenderer:
-    """Draws frames in one context, which must be current; keeps buffers, programs and textures between frames."""
+    """Draws frames in one context, which must be current; keeps buffers, programs and textures between frames.
 
-    def __init__(
-        self,
-        gl: moderngl.Context,
-        *,
-        texture_memory_mb: float,
-        anisotropy: int,
-        filter: str | None = None,
-        filter_kernel: str = DEFAULT_KERNEL,
-        fipmap_accesses: int = DEFAULT_ACCESSES,
-    ) -> None:
+    `texture_options` are keywords of `fexel.textures.system.TextureSystem`.
+    """
+
+    def __init__(self, gl: moderngl.Context, texture_options: Mapping[str, Any]) -> None:
         self._gl = gl
         self._targets = Targets(gl)
-        self.state = DrawState(
-            gl,
-            texture_memory_mb=texture_memory_mb,
-            anisotropy=anisotropy,
-            filter=filter,
-            filter_kernel=filter_kernel,
-            fipmap_accesses=fipmap_accesses,
-        )
+        self.state = DrawState(gl, texture_options)
         self.stats = FrameStats()
 
     def draw(self, scene: Scene, settings: FrameSettings) -> dict[str, np.ndarray]:
