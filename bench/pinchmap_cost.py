@@ -24,7 +24,7 @@ from fexel.renderer.api import Renderer
 from fexel.renderer.context import GLContext
 from fexel.renderer.frame import FrameSettings
 from fexel.scene.model import Camera, Draw, Light, Material, Scene, Texture, TextureInput
-from fexel.textures.pinchmap_twin import encode_texels
+from fexel.textures.pinchmap_encoding import encode_texels
 
 NAME = "pinchmap lookup cost"
 _PIXELS = 1024

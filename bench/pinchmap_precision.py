@@ -19,7 +19,8 @@ from bench.pinchmap_texture import pinchmap_stage, random_pinchmap, save_texels,
 from bench.zipmap_stage import front_view, pixel_st, quad, render_texture, zipmap_texture
 from fexel import mipmaps
 from fexel.renderer.context import GLContext
-from fexel.textures.pinchmap_twin import edge, encode_texels, picture_levels, sample_pinchmap
+from fexel.textures.pinchmap_encoding import encode_texels
+from fexel.textures.pinchmap_twin import edge, picture_levels, sample_pinchmap
 
 NAME = "pinchmap precision"
 _SHAPE = (48, 64)

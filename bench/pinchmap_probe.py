@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from bench.pinchmap_texture import blob_mask
 from fexel.renderer.program import ProgramCache
-from fexel.textures.pinchmap_twin import decode_texels, edge, encode_texels, signal_half_texel
+from fexel.textures.pinchmap_encoding import decode_texels, encode_texels, signal_half_texel
+from fexel.textures.pinchmap_twin import edge
 from fexel_tools.pinchmap_mask import channels
 
 if TYPE_CHECKING:

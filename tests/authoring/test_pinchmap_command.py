@@ -15,7 +15,8 @@ from typer.testing import CliRunner
 import fexel
 from fexel.errors import FexelError
 from fexel.images import image_info, read_linear, read_pixels
-from fexel.textures.pinchmap_twin import decode_texels, sample_pinchmap
+from fexel.textures.pinchmap_encoding import decode_texels
+from fexel.textures.pinchmap_twin import sample_pinchmap
 from fexel.validators import validate_file
 from fexel_tools.cli import app
 from fexel_tools.image_files import write_image

@@ -148,7 +148,7 @@ def test_close_up_of_a_tiny_map_stays_inside():
 @pytest.mark.parametrize(("bits", "tolerance"), [("8", 0.5 / 127), ("16", 0.5 / 32767), ("float", 1e-7)])
 def test_pinchmap_file_holds_the_texels(tmp_path, rng, bits, tolerance):
     from fexel.images import image_info, read_pixels
-    from fexel.textures.pinchmap_twin import decode_texels
+    from fexel.textures.pinchmap_encoding import decode_texels
 
     texels = rng.uniform(-1, 1, (5, 7, 4))
     path, nbytes = write_pinchmap(tmp_path, texels, bits)

@@ -8,7 +8,7 @@ import OpenImageIO as oiio
 import pytest
 
 from fexel.errors import FexelError
-from fexel.textures.pinchmap_twin import decode_texels, encode_texels
+from fexel.textures.pinchmap_encoding import decode_texels, encode_texels
 from fexel_tools.pinchmap_textures import as_stored, write_pinchmap
 
 

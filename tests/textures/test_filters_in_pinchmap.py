@@ -9,7 +9,8 @@ from bench.pinchmap_texture import pinchmap_stage, random_pinchmap, save_texels,
 from bench.zipmap_stage import Patch, front_view, pixel_st, quad, render_texture, save, tilted_view, zipmap_stage
 from bench.zipmap_stage import zipmap_texture as texture_of
 from fexel import homography, images, mipmaps
-from fexel.textures.pinchmap_twin import encode_texels, picture_image, picture_levels, sample_pinchmap
+from fexel.textures.pinchmap_encoding import encode_texels
+from fexel.textures.pinchmap_twin import picture_image, picture_levels, sample_pinchmap
 from fexel.textures.system import TextureSystem
 
 SHAPE = (48, 64)

@@ -22,9 +22,10 @@ from fexel.renderer.visible import visible_surface
 from fexel.textures import extract_texture, pinchmap_twin
 from fexel.textures.kept_texels import KeptTexels
 from fexel.textures.page_format import SNORM
+from fexel.textures.pinchmap_encoding import encode_texels
 from fexel.textures.pinchmap_lattice import Lattice
 from fexel.textures.pinchmap_texels import PinchmapTexels
-from fexel.textures.pinchmap_twin import cell_samples, encode_texels, picture_levels
+from fexel.textures.pinchmap_twin import cell_samples, picture_levels
 from fexel.textures.system import TextureRequest, TextureSystem
 from fexel_tools.pinchmap_mask import channels
 

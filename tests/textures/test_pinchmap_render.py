@@ -16,7 +16,8 @@ from bench.zipmap_stage import (
     zipmap_texture,
 )
 from fexel import homography, mipmaps
-from fexel.textures.pinchmap_twin import edge, encode_texels, picture_levels, pinch, sample_pinchmap
+from fexel.textures.pinchmap_encoding import encode_texels
+from fexel.textures.pinchmap_twin import edge, picture_levels, pinch, sample_pinchmap
 from fexel.textures.system import TextureSystem
 
 SHAPE = (12, 16)

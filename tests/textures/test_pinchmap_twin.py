@@ -7,16 +7,9 @@ import pytest
 
 from fexel import mipmaps
 from fexel.errors import FexelError
+from fexel.textures.pinchmap_encoding import decode_texels, encode_texels, signal_half_texel
 from fexel.textures.pinchmap_lattice import trilinear
-from fexel.textures.pinchmap_twin import (
-    decode_texels,
-    edge,
-    encode_texels,
-    picture_levels,
-    pinch,
-    sample_pinchmap,
-    signal_half_texel,
-)
+from fexel.textures.pinchmap_twin import edge, picture_levels, pinch, sample_pinchmap
 from fexel_tools.pinchmap_mask import channels
 
 CLAMP, REPEAT = ("clamp", "clamp"), ("repeat", "repeat")

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fexel.textures.pinchmap_twin import decode_texels, encode_texels
+from fexel.textures.pinchmap_encoding import decode_texels, encode_texels
 from fexel_tools.image_files import write_image
 from fexel_tools.texture_files import encode
 

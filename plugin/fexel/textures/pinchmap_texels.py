@@ -17,7 +17,7 @@ from fexel.errors import FexelError, FexelWarning
 from fexel.textures.atlas import Box
 from fexel.textures.kept_texels import KeptTexels
 from fexel.textures.page_format import FLOAT, SNORM
-from fexel.textures.pinchmap_twin import decode_texels, signal_half_texel
+from fexel.textures.pinchmap_encoding import decode_texels, signal_half_texel
 from fexel.textures.pyramid_cache import ImageFacts
 
 __all__ = ["CONSTANT", "LARGEST_PINCHMAP", "PinchmapSource", "PinchmapTexels"]

@@ -10,8 +10,8 @@ from pxr import Sdf, Usd
 
 from fexel.errors import FexelError
 from fexel.images import read_pixels
+from fexel.textures.pinchmap_encoding import signal_half_texel
 from fexel.textures.pinchmap_texels import LARGEST_PINCHMAP
-from fexel.textures.pinchmap_twin import signal_half_texel
 from fexel.validators.fault import Fault
 from fexel.validators.files import file_version, image_header, resolved_files
 from fexel.validators.prim_validator import PrimValidator
